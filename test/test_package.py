@@ -66,12 +66,13 @@ LAYERS: dict[str, set[str]] = {
     "obb": GEOMETRY | {"queries"},
     "boxes": GEOMETRY | {"obb"},
     "regions": {"scene"},
+    "zones": BASE,
     "scene": GEOMETRY | {"accuracy", "queries", "obb", "boxes", "shapes"},
     "robots": LIBRARY | {"cli"},
     "api": LIBRARY | {"regions", "robots", "scene_files"},
     "warm_up": LIBRARY | {"cli"},
     "scene_files": LIBRARY | {"robots"},
-    "node": LIBRARY | {"cli", "robots", "scene_files", "warm_up"},
+    "node": LIBRARY | {"cli", "robots", "scene_files", "warm_up", "zones"},
     "demo": LIBRARY | {"cli", "robots", "scene_files", "node"},
     "benchmarks": LIBRARY | {"cli", "scene_files", "demo"},
     "commands": {"cli", "node", "demo", "words"},
@@ -81,8 +82,8 @@ LAYERS: dict[str, set[str]] = {
 ABOVE = {"node", "demo"}
 ROS = {
     "ament_index_python", "builtin_interfaces", "diagnostic_msgs", "geometry_msgs", "launch",
-    "moveit_msgs", "rcl_interfaces", "rclpy", "sensor_msgs", "std_msgs", "std_srvs", "tf2_ros",
-    "trajectory_msgs", "vision_msgs", "visualization_msgs",
+    "moveit_msgs", "nav2_msgs", "rcl_interfaces", "rclpy", "sensor_msgs", "std_msgs", "std_srvs",
+    "tf2_ros", "trajectory_msgs", "vision_msgs", "visualization_msgs",
 }  # fmt: skip
 #: Allowed below the node: resolving a package:// mesh path, where ROS is there.
 OPTIONAL = {("geometry", "ament_index_python")}
@@ -93,7 +94,7 @@ MODULES = {p for p in SOURCE.rglob("*.py") if p != SOURCE / "__init__.py"}
 #: and what only the type checker reads counts, too.
 ROOMS = (
     *("messages", "runtime", "diagnostics", "objects", "topics", "parameters", "inputs"),
-    *("outputs", "robots", "cycle", "status", "merger", "node"),
+    *("outputs", "robots", "cycle", "status", "base", "merger", "node"),
 )
 MOST_ARROWS, MOST_CIRCLES = 60, 3
 
@@ -218,7 +219,7 @@ EXTRAS = {
     "coal", "example_robot_data", "fcl", "mujoco", "pinocchio", "pybullet_data", "viser",
 }  # fmt: skip
 #: Messages for which there is a topic or a service only where somebody has installed them.
-OPTIONAL_MESSAGES = {"moveit_msgs", "vision_msgs"}
+OPTIONAL_MESSAGES = {"moveit_msgs", "nav2_msgs", "vision_msgs"}
 
 
 def dependencies() -> set[str]:

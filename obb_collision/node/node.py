@@ -19,7 +19,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, closing
 from functools import partial
 from time import monotonic, perf_counter
@@ -29,10 +29,12 @@ from rclpy.clock import Clock, JumpThreshold, ROSClock, TimeJump
 from rclpy.clock_type import ClockType
 from rclpy.constants import S_TO_NS
 from rclpy.duration import Duration
-from rclpy.qos import DurabilityPolicy
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rclpy.timer import Timer
 from std_srvs.srv import SetBool, Trigger
 
+from obb_collision.node.base.gate import Fault, Gate, View
+from obb_collision.node.base.objects import SceneObjects
 from obb_collision.node.cycle.cycle import CycleRunner, Schedule
 from obb_collision.node.diagnostics.answer import CODES, Reason
 from obb_collision.node.diagnostics.monitors import InputMonitor, QosWatch
@@ -43,7 +45,7 @@ from obb_collision.node.inputs.scene_file import SceneFile
 from obb_collision.node.inputs.sources import Sources, source_inputs
 from obb_collision.node.inputs.subscriptions import INPUTS, Input, Subscriptions
 from obb_collision.node.messages.optional import unusable
-from obb_collision.node.objects.frames import FrameSource, make_frames
+from obb_collision.node.objects.frames import FrameSource, lookup_in, make_frames
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.table import COLLIDE
 from obb_collision.node.outputs.outputs import Outputs
@@ -72,6 +74,8 @@ from obb_collision.scene_files import describe_scene
 from obb_collision.scene_files.mesh_files import MeshReading
 
 NODE_NAME = "obb_collision"
+SENSOR_DEPTH = 10
+"""Messages that wait in the queue of an observation source."""
 
 
 class CollisionNode(ManagedNode):
@@ -98,6 +102,8 @@ class CollisionNode(ManagedNode):
         self.full_name = self.get_fully_qualified_name().lstrip("/")
         self.undo, self._ending = ExitStack(), ExitStack()
         """What ``release`` and ``destroy_node`` do."""
+        self.gate: Gate | None = None
+        """Of commands for a mobile base, if there are parameters of one."""
         self._ending.callback(self.undo.close)
         self._stop_robots: Callable[[], None] = lambda: None
         self._steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
@@ -120,6 +126,10 @@ class CollisionNode(ManagedNode):
         for package, reason in unusable.items():
             logger.warning(f"{package} is installed but cannot be used, and is ignored: {reason}")
         self._make_outputs()
+        if self.parameters.gate is not None:
+            clocks = self._read_clock, self.steady
+            self.gate = Gate(self, self.parameters, self.guard.caught, *clocks)
+            self._ending.callback(self.gate.close)
         self.kernels = Kernels(
             logger.info,
             logger.warning,
@@ -167,6 +177,9 @@ class CollisionNode(ManagedNode):
     def configure(self) -> None:
         """Have kernels compiled, create inputs and objects, and begin to store messages."""
         scene_file, self._scene_file = self._scene_file or self._read_scene_file(), None
+        unused = [] if self.gate is None else self.parameters.declare_gate()
+        if unused:
+            self.get_logger().warning(f"parameters that are not used: {', '.join(unused)}")
         start = perf_counter()
         self.kernels.prepare(self.parameters)
         seconds = perf_counter() - start
@@ -184,6 +197,8 @@ class CollisionNode(ManagedNode):
                 )
             self.objects.declare_empty()
         self._begin()
+        if self.gate is not None:
+            self._begin_gate(self.gate)
         log = self.get_logger().info
         topics = (
             " ".join(end.topic_name for end in ends.values())
@@ -200,11 +215,15 @@ class CollisionNode(ManagedNode):
         """Begin to check the scene, from the next cycle on."""
         self.cycle.active = True
         self.evidence.activate()
+        if self.gate is not None:
+            self.gate.activate()
         self.get_logger().info("active")
 
     def deactivate(self) -> None:
         """Check nothing any more; messages are still stored."""
         self.cycle.active = False
+        if self.gate is not None:
+            self.gate.rest("inactive")
         self._pause()
         self.get_logger().info(CODES[self.cycle.paused])
 
@@ -227,6 +246,13 @@ class CollisionNode(ManagedNode):
         fixed_frame, names = self.parameters.fixed_frame, self.parameters.robots
         self.topics: dict[str, Input] = {**INPUTS, **detections.INPUTS, **robot_inputs(names)}
         self.topics |= source_inputs(self.parameters.source_settings)
+        self.gate_topics: tuple[str, ...] = ()
+        if self.gate is not None:
+            kinds = self.gate.prepare(self.topics, lambda: self.objects.max_points)
+            best_effort = ReliabilityPolicy.BEST_EFFORT
+            for topic, kind in kinds.items():
+                self.topics[topic] = Input(kind, SENSOR_DEPTH, best_effort, is_query=True)
+            self.gate_topics = tuple(kinds)
         if self.parameters.latched_objects:
             latched = self.topics["objects"]._replace(durability=DurabilityPolicy.TRANSIENT_LOCAL)
             self.topics["objects"] = latched
@@ -280,6 +306,10 @@ class CollisionNode(ManagedNode):
         callbacks = {**self.inputs.callbacks(), "points": points}
         callbacks |= self.robots.callbacks(self.inputs)
         callbacks |= self.sources.callbacks(self.inputs)
+        if self.gate is not None:
+            for topic in self.gate_topics:
+                take = partial(self.gate.take, topic)
+                callbacks[topic] = self.inputs.guarded(topic, take, changes=False)
         self.subscribed = Subscriptions(
             self, self.topics, callbacks, self.monitors, self._arrived, now
         )
@@ -305,6 +335,28 @@ class CollisionNode(ManagedNode):
             QosWatch(self, self.get_logger().warning),
             now,
         )
+
+    def _begin_gate(self, gate: Gate) -> None:
+        """Let a gate serve, and end that when the node is released."""
+        parameters, fixed = self.parameters, self.parameters.fixed_frame
+        names = parameters.odom_frame_id, parameters.base_frame_id, fixed
+        odom, base, scene = (lookup_in(self.frames, fixed, name) for name in names)
+        chosen = parameters.zone_objects, parameters.own_objects
+        objects = SceneObjects(self.objects.scene, *chosen)
+        view = View(self._take_newest, self._gate_faults, objects, odom, base, scene)
+        self.undo.callback(gate.end)
+        gate.begin(view, self.undo.callback)
+
+    def _take_newest(self) -> None:
+        """Take in what has arrived, for a command between two cycles."""
+        self._take_in()
+        self.objects.update(self.now())
+
+    def _gate_faults(self) -> Iterator[Fault]:
+        """Yield what is missing to know about objects; sensors see whether there are none."""
+        for reason in self.evidence.answer().reasons:
+            if reason.code not in ("starting", "no_objects" if self.gate_topics else ""):
+                yield Fault(reason.code, reason.whom, reason.detail)
 
     def _make_timer(self, period: float, callback: Callable[[], Any]) -> Timer:
         """Create a timer by steady time, until ``release``."""
@@ -372,6 +424,11 @@ class CollisionNode(ManagedNode):
 
     def collect(self) -> float:
         """Read and apply the queued messages; returns their maximum waiting time (s)."""
+        self._take_in()
+        return self.subscribed.take_wait()
+
+    def _take_in(self) -> None:
+        """Read and apply the queued messages."""
         with self.guard.catching("inputs"):  # lost messages mark their input
             self.subscribed.drain()
         self._change("input objects", self.inputs.markers.apply)
@@ -379,7 +436,6 @@ class CollisionNode(ManagedNode):
             self._change(f"input {boxes.topic}", boxes.apply)
         self._change("input robots", self.robots.apply)
         self._change("input sources", self.sources.apply)
-        return self.subscribed.take_wait()
 
     def _change(self, where: str, change: Callable[[], None]) -> None:
         """Change objects; after an unforeseen error they may differ from the messages."""
@@ -400,6 +456,8 @@ class CollisionNode(ManagedNode):
         self.settings.apply()
         apply_limits(parameters, self.objects)
         self.evidence.apply()
+        if self.gate is not None:
+            self.gate.apply()
         wants_points = parameters.mode("points") != OFF
         for topic in self._watched:
             self.subscribed.keep(topic, wants_points)

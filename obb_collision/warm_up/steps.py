@@ -78,6 +78,8 @@ CLOUDS, CLOUDS_AT_MESH = "clouds", "clouds at mesh"
 """The steps of clouds beside other objects, up to "hull" and on "mesh", with all effects."""
 SOURCES = "points of sensors"
 """The step that every source of a node needs."""
+ZONES = "zones of a base"
+"""The step of the gate of a mobile base."""
 BODY_QUERIES = "queries of meshes"
 """The step of rays against shapes."""
 ROBOTS = "robots"
@@ -479,7 +481,8 @@ STEPS: dict[str, Callable[[], None] | str] = {
     CLOUDS: lambda: _clouds(Accuracy.OBB, Accuracy.HULL),
     CLOUDS_AT_MESH: lambda: _clouds(Accuracy.MESH),
     ROBOTS: _robots,
-    # by name, as it is in a layer above
+    # by name, as these are in layers above
+    ZONES: "obb_collision.zones.gate:compile_kernels",
     SOURCES: "obb_collision.node.inputs.cuts:compile_kernels",
     MESSAGES: "obb_collision.node.inputs.batch:compile_kernels",
 }

@@ -344,8 +344,8 @@ def test_public_names_in_a_page_exist(page: Path) -> None:
 
 PACKAGE, TOOLS = ROOT / "obb_collision", ROOT / "tools"
 LAYERS = (
-    *("numerics", "geometry", "queries", "scene", "robots", "warm_up", "scene_files", "node"),
-    *("demo", "benchmarks"),
+    *("numerics", "geometry", "queries", "scene", "robots", "warm_up", "scene_files", "zones"),
+    *("node", "demo", "benchmarks"),
 )
 """The folders of the package in the order of their imports."""
 

@@ -18,12 +18,14 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections.abc import Callable
+from copy import copy
 from typing import Any, Protocol
 
 import numpy as np
 from rclpy.node import Node
 from rclpy.time import Time
 
+from obb_collision.geometry.poses import IDENTITY_POSE, compose_poses, inverse_poses
 from obb_collision.node.messages.conversions import (
     stamp_from_ros,
     transform_from_ros,
@@ -101,6 +103,12 @@ class TfFrames:
         self.buffer: Any = tf2_ros.Buffer(node=node)
         self._listener: Any = tf2_ros.TransformListener(self.buffer, node, spin_thread=False)
 
+    def seen_from(self, frame: str) -> TfFrames:
+        """Return the same of poses in another frame."""
+        other = copy(self)
+        other._fixed_frame = frame
+        return other
+
     def lookup(self, frame: str, stamp: int) -> tuple[Floats, int]:
         """Return the pose (7,) of ``frame`` from the tf2 buffer, without waiting.
 
@@ -117,6 +125,33 @@ class TfFrames:
 def make_frames(node: Node, fixed_frame: str) -> FrameSource:
     """Return the source of frames: tf2 where it is installed, else the fixed frame only."""
     return FixedFrameOnly(fixed_frame) if tf2_ros is None else TfFrames(node, fixed_frame)
+
+
+class SeenFrom:
+    """Poses in another frame than the fixed one, by way of that: at one stamp each."""
+
+    def __init__(self, frames: FrameSource, fixed_frame: str, frame: str) -> None:
+        self._frames, self._fixed_frame, self._frame = frames, fixed_frame, frame
+
+    def lookup(self, frame: str, stamp: int) -> tuple[Floats, int]:
+        """Return the pose (7,) of a frame, and the stamp of the transform; RefusedError."""
+        (own, since), (pose, at) = (self._find(name, stamp) for name in (self._frame, frame))
+        stamps = [one for one in (since, at) if one]
+        return compose_poses(inverse_poses(own[None]), pose[None])[0], min(stamps, default=0)
+
+    def _find(self, frame: str, stamp: int) -> tuple[Floats, int]:
+        if frame == self._fixed_frame:
+            return np.array(IDENTITY_POSE), 0
+        return self._frames.lookup(frame, stamp)
+
+
+def lookup_in(
+    frames: FrameSource, fixed_frame: str, frame: str
+) -> Callable[[str, int], tuple[Floats, int]]:
+    """Return what looks poses up in a frame, as ``FrameSource.lookup`` does in the fixed one."""
+    if isinstance(frames, TfFrames):
+        return frames.seen_from(frame).lookup
+    return SeenFrom(frames, fixed_frame, frame).lookup
 
 
 class LatestTransforms:

@@ -29,6 +29,12 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from obb_collision.geometry.shapes.files import MeshFolders
+from obb_collision.node.parameters.base import (
+    GateParameters,
+    group_names,
+    has_gate,
+    node_specs,
+)
 from obb_collision.node.parameters.entries import (
     Base,
     Spec,
@@ -73,13 +79,18 @@ class Parameters:
         self._overridden: dict[str, Any] = {}
         self._specs: dict[str, Spec] = {}
         """Of all parameters, those of sources, too."""
-        self._add(SPECS)
+        given = parameter_overrides(node)
+        self._add(node_specs(SPECS, given))
+        self.gate = GateParameters(self._add, self._values, given) if has_gate(given) else None
+        """Those of a mobile base, if there is one."""
         names = self._values["sources"]
         check_names(names, {name.partition(".")[0] for name in (*SPEC_OF, *RESERVED)})
         for name in names:
             self._add(source_specs(name))
         _check_together(self._values)
-        for hint in misspelt(parameter_overrides(node), self._specs):
+        groups = group_names(self._values)
+        named = [name for name in given if name.partition(".")[0] not in groups]
+        for hint in misspelt(named, self._specs):
             node.get_logger().warning(hint)
         node.add_on_set_parameters_callback(self._check)
         node.add_post_set_parameters_callback(self._update)
@@ -89,6 +100,12 @@ class Parameters:
         for spec in specs:
             self._specs[spec.name] = spec
             self._values[spec.name] = spec.read(_declare(self._node, spec))
+
+    def declare_gate(self) -> list[str]:
+        """Declare the parameters of zones; ValueError. Returns those given that are not used."""
+        assert self.gate is not None
+        names = {name.partition(".")[0] for name in (*SPEC_OF, *RESERVED)}
+        return self.gate.declare(names.union(self._values["sources"]))
 
     def __getattr__(self, name: str) -> Any:
         try:
@@ -195,6 +212,8 @@ class Parameters:
 
 def _declare(node: Node, spec: Spec) -> Any:
     """Declare a parameter, and return its value; ValueError for an integer in place of a float."""
+    if node.has_parameter(spec.name):  # since the node was configured before
+        return node.get_parameter(spec.name).value
     try:
         return node.declare_parameter(spec.name, spec.default, spec.descriptor()).value
     except InvalidParameterTypeException as error:

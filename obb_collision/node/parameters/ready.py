@@ -51,6 +51,8 @@ def allowed_steps(parameters: Parameters) -> list[str]:
     wanted.update(map(steps.accuracy_step, pairs))
     if parameters.robots:
         wanted.add(steps.ROBOTS)
+    if parameters.gate is not None:
+        wanted.add(steps.ZONES)
     if parameters.source_settings:
         wanted.update((steps.SOURCES, steps.CLOUDS))
         if max(pairs) == Accuracy.MESH:

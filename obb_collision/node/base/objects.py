@@ -1,0 +1,79 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""Objects of the scene about a base: boxes, and the points of clouds, in the frame of the base."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from itertools import product
+
+import numpy as np
+
+from obb_collision.geometry.poses import as_poses
+from obb_collision.node.base.observations import placed
+from obb_collision.scene.scene import Scene
+from obb_collision.scene.store.patterns import matching
+from obb_collision.shapes import Cloud
+from obb_collision.typing import Floats, Mask
+from obb_collision.zones import gate
+
+SIGNS = np.array([corner[::-1] for corner in product((-1.0, 1.0), repeat=3)])
+"""Of the corners (8, 3) of a box, as ``box_outlines`` takes them."""
+
+
+class SceneObjects:
+    """Finds the objects of a scene that count, near a base. chosen, own: names and patterns."""
+
+    def __init__(self, scene: Scene, chosen: list[str], own: list[str]) -> None:
+        self._scene, self._chosen, self._own = scene, chosen, own
+        self._counted: tuple[int, Mask] = (0, np.empty(0, np.bool_))
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether no object counts."""
+        return not self._chosen or len(self._scene) == 0
+
+    def about(
+        self, points: Mapping[str, Floats], base_pose: Callable[[], Floats], reach: float
+    ) -> gate.Surroundings:
+        """Return what is within a reach (m) of the base; base_pose: (7,) in the frame of the scene.
+
+        points: of observation sources, in the frame of the base.
+        """
+        if self.is_empty:
+            return gate.Surroundings(points)
+        store, pose = self._scene.objects.store, base_pose()
+        if self._counted[0] != store.version:
+            counted = matching(self._chosen, store.names) & ~matching(self._own, store.names)
+            self._counted = store.version, counted
+        slots = np.flatnonzero(store.used & store.enabled & self._counted[1])
+        offsets, halves = store.centers[slots] - pose[:3], store.half_extents[slots]
+        distances = np.sqrt((offsets**2).sum(axis=1)) - np.sqrt((halves**2).sum(axis=1))
+        slots = slots[distances <= reach]
+        clouds: dict[str, gate.Cloud] = {}
+        names, boxes = [], []
+        (position,), (rotation,) = as_poses(pose[None], warn=False)
+        for slot in slots.tolist():
+            name, shape = str(store.names[slot]), self._scene.objects.cache.shape(slot)
+            if isinstance(shape, Cloud):
+                in_scene = placed(store.poses[slot], shape.points)
+                clouds[name] = gate.Cloud((in_scene - position) @ rotation, shape.radius)
+                continue
+            axes = store.rotations[slot] * store.half_extents[slot]
+            names.append(name)
+            boxes.append((SIGNS @ axes.T + store.centers[slot] - position) @ rotation)
+        corners = np.array(boxes).reshape(-1, 8, 3)
+        return gate.Surroundings(points, clouds, names, corners)

@@ -1,0 +1,237 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""Observation sources: the newest message of each sensor, and its points about the base now."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Any, NamedTuple
+
+import numpy as np
+from geometry_msgs.msg import PolygonInstanceStamped
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import LaserScan, PointCloud2, Range
+
+from obb_collision.geometry.poses import as_poses, compose_poses, inverse_poses
+from obb_collision.node.messages.cdr import Header, cloud_from_bytes
+from obb_collision.node.messages.clouds import cloud_from_ros, points_from_ros
+from obb_collision.node.messages.conversions import NANOSECONDS, stamp_from_ros, unusable_poses
+from obb_collision.node.messages.errors import RefusedError
+from obb_collision.node.messages.scans import (
+    NOTHING_KNOWN,
+    points_of_scan,
+    range_from_bytes,
+    scan_from_bytes,
+)
+from obb_collision.node.parameters.parameters import Parameters
+from obb_collision.typing import Floats
+from obb_collision.zones.outlines import count_inside
+from obb_collision.zones.sources import CLOUD, POLYGON, RANGE, SCAN, Observed, arc, border
+from obb_collision.zones.zones import Exclusion
+
+MESSAGES = {SCAN: LaserScan, CLOUD: PointCloud2, RANGE: Range, POLYGON: PolygonInstanceStamped}
+Lookup = Callable[[str, int], tuple[Floats, int]]
+"""Returns the pose (7,) of a frame at a stamp (ns, 0: the latest), and the stamp of that."""
+OUT_OF_RANGE, NO_FIELD = "out of range", "no field"
+"""Reasons: of a range beyond its limits, and of a cloud without heights."""
+AHEAD = NANOSECONDS // 10
+"""Nanoseconds by which a stamp may be ahead of the clock of the node."""
+MOST_POLYGONS = 1000
+"""Polygons of a source that are stored, those that came last."""
+
+
+class InvalidError(Exception):
+    """What a source says is not known: a code of the state of the gate, and details."""
+
+    def __init__(self, code: str, detail: str = "") -> None:
+        super().__init__(f"{code}: {detail}")
+        self.code, self.detail = code, detail
+
+
+class BaseFrames:
+    """Where frames are in the frame of the base, at moments of one decision.
+
+    odom, base: look frames up in the frame of odometry, and in that of the base.
+    """
+
+    def __init__(self, parameters: Parameters, odom: Lookup, base: Lookup) -> None:
+        self._base_frame, self._odom, self._base = parameters.base_frame_id, odom, base
+        self._parameters = parameters
+        self._own: tuple[int, Floats] = (-1, np.empty(0))
+
+    def base_pose(self, now: int) -> Floats:
+        """Return the pose (7,) of the base in the frame of odometry; InvalidError."""
+        if self._own[0] != now:
+            self._own = now, self._near(self._odom, self._base_frame, now, now)
+        return self._own[1]
+
+    def place(self, frame: str, stamp: int, now: int) -> Floats:
+        """Return the pose (7,) of a frame at a stamp in that of the base now; InvalidError."""
+        if not self._parameters.base_shift_correction:
+            return self._near(self._base, frame, 0, now)
+        pose = self._near(self._odom, frame, stamp, now)
+        return compose_poses(inverse_poses(self.base_pose(now)[None]), pose[None])[0]
+
+    def at_once(self, frame: str, stamp: int, now: int) -> Floats:
+        """Return the pose (7,) of a frame in that of the base, both at a stamp; InvalidError."""
+        base, pose = (
+            self._near(self._odom, name, stamp, now) for name in (self._base_frame, frame)
+        )
+        return compose_poses(inverse_poses(base[None]), pose[None])[0]
+
+    def _near(self, lookup: Lookup, frame: str, stamp: int, now: int) -> Floats:
+        """Return a pose at a stamp, or the latest one if that is not too old."""
+        try:
+            try:
+                pose, _ = lookup(frame, stamp)
+            except RefusedError:
+                pose, at = lookup(frame, 0)
+                if at and abs(stamp - at) > self._parameters.transform_tolerance * NANOSECONDS:
+                    raise
+        except RefusedError as error:
+            raise InvalidError("late_frame", f"{error.reason}: {error.detail}") from error
+        if unusable_poses(pose[None]).any():
+            raise InvalidError("late_frame", f"bad transform of {frame!r}")
+        return pose
+
+
+class Part(NamedTuple):
+    """What a source stores: points (n, 3) or with heights (n, 4), header, time of receipt (ns)."""
+
+    points: Floats
+    header: Header
+    received: int
+
+
+class Observation:
+    """A sensor: its newest message, read but not placed.
+
+    strict: whether what says nothing makes it invalid; most: of points.
+    """
+
+    def __init__(self, settings: Observed, most: Callable[[], int], strict: bool) -> None:
+        self.settings, self._most, self._strict = settings, most, strict
+        self._parts: dict[Any, Part] = {}
+        """Of polygons by their ids, of other sensors one."""
+        self._unread = ""
+
+    def take(self, data: bytes, now: int) -> None:
+        """Store a serialised message; RefusedError for one that cannot be used."""
+        try:
+            key, points, header = self._read(data)
+            stamp_from_ros(header.stamp)
+        except RefusedError as error:
+            self._unread = f"{error.reason}: {error.detail}"
+            raise
+        self._unread = ""
+        self._parts.pop(key, None)
+        self._parts[key] = Part(points, header, now)
+        if len(self._parts) > MOST_POLYGONS:
+            del self._parts[next(iter(self._parts))]
+
+    def _read(self, data: bytes) -> tuple[Any, Floats, Header]:
+        settings = self.settings
+        if settings.type == SCAN:
+            scan = scan_from_bytes(data)
+            try:
+                points, _, _ = points_of_scan(scan, self._most())
+            except RefusedError:
+                if self._strict or len(scan.ranges) > self._most():
+                    raise
+                points = np.empty((0, 3))
+            return None, points, scan.header
+        if settings.type == CLOUD:
+            message: Any = cloud_from_bytes(data)
+            rows = points_from_ros(message, self._most()).astype(np.float64)
+            if settings.use_global_height:
+                heights = cloud_from_ros(message, ("height",), self._most())
+                if "height" not in (heights.dtype.names or ()):
+                    raise RefusedError(NO_FIELD, "no field 'height'")
+                rows = np.column_stack([rows, heights["height"].astype(np.float64)])
+            return None, rows[np.isfinite(rows).all(axis=1)], message.header
+        if settings.type == RANGE:
+            found = range_from_bytes(data)
+            if not found.min_range <= found.range <= found.max_range:
+                raise RefusedError(OUT_OF_RANGE, f"{found.range}")
+            view = found.field_of_view
+            return None, arc(found.range, view, settings.obstacles_angle), found.header
+        try:
+            polygon: Any = deserialize_message(data, PolygonInstanceStamped)
+        except Exception as error:  # whatever rclpy raises for bytes that are none
+            raise RefusedError("malformed message", str(error)) from error
+        corners = np.array([(p.x, p.y, p.z) for p in polygon.polygon.polygon.points])
+        corners = corners.reshape(-1, 3)
+        if not np.isfinite(corners).all():
+            raise RefusedError("bad polygon", "not finite")
+        points = border(corners, settings.sampling_distance)
+        return int(polygon.polygon.id), points, polygon.header
+
+    def points(self, frames: BaseFrames, now: int) -> Floats:
+        """Return the points (n, 3) about the base now; InvalidError where they are not known."""
+        settings, limit = self.settings, int(self.settings.source_timeout * NANOSECONDS)
+        reason = self._unread.partition(":")[0]
+        if reason and (self._strict or reason in (OUT_OF_RANGE, NO_FIELD)):
+            code = "refused" if reason in (OUT_OF_RANGE, NOTHING_KNOWN) else "input_unreadable"
+            raise InvalidError(code, self._unread)
+        if not self._parts:
+            raise InvalidError("input_silent", "no message")
+        if settings.type == POLYGON or limit:
+            fresh = {key: p for key, p in self._parts.items() if self._age(p, now) <= limit}
+            if not fresh:
+                raise InvalidError("stale", f"older than {settings.source_timeout:g} s")
+            self._parts = fresh
+        return np.concatenate([self._placed(part, frames, now) for part in self._parts.values()])
+
+    def _age(self, part: Part, now: int) -> int:
+        """Return the age (ns) by the stamp, and where it is strict by receipt if that is longer."""
+        stamp = stamp_from_ros(part.header.stamp)
+        if not self._strict:
+            return now - stamp
+        if stamp - now > AHEAD:
+            raise InvalidError("refused", f"stamp {(stamp - now) / NANOSECONDS:.1f} s ahead")
+        return max(now - stamp, now - part.received)
+
+    def _placed(self, part: Part, frames: BaseFrames, now: int) -> Floats:
+        points, settings = part.points, self.settings
+        pose = frames.place(part.header.frame_id, stamp_from_ros(part.header.stamp), now)
+        if settings.type != CLOUD:
+            return placed(pose, points)
+        if settings.min_range > 0.0:
+            points = points[np.einsum("ni,ni->n", *[points[:, :3]] * 2) >= settings.min_range**2]
+        there = placed(pose, points[:, :3])
+        heights = points[:, 3] if settings.use_global_height else there[:, 2]
+        return there[(heights >= settings.min_height) & (heights <= settings.max_height)]
+
+
+def placed(pose: Floats, points: Floats) -> Floats:
+    """Return points (n, 3) in the frame in which their own frame has a pose (7,)."""
+    (position,), (rotation,) = as_poses(pose[None], warn=False)
+    return np.einsum("ij,nj->ni", rotation, points) + position
+
+
+def without(points: Floats, regions: Iterable[Exclusion], frames: BaseFrames, now: int) -> Floats:
+    """Return points (n, 3) without those in regions; one that cannot be placed masks nothing."""
+    for region in regions:
+        try:
+            pose = frames.place(region.frame, now, now)
+        except InvalidError:
+            continue
+        there = placed(inverse_poses(pose[None])[0], points)
+        inside = np.empty(len(points), np.bool_)
+        count_inside(there, region.corners, 0.0, inside)
+        inside &= (there[:, 2] >= region.min_height) & (there[:, 2] <= region.max_height)
+        points = points[~inside]
+    return points

@@ -1,0 +1,501 @@
+# Copyright 2026 The obb_collision developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""The gate of a base over topics: what nav2_collision_monitor does, sentence by sentence."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from base_rig import SCAN, SQUARE, BaseRig, zone
+from each import each
+from geometry_msgs.msg import (
+    Point32,
+    Polygon,
+    PolygonInstance,
+    PolygonInstanceStamped,
+    PolygonStamped,
+)
+from lifecycle_msgs.msg import Transition
+from rig import A1, NAMESPACE, SHARED, Patch, cube, pose
+from sensor_msgs.msg import LaserScan, PointCloud2, Range
+from sensor_rig import cloud_of
+from std_msgs.msg import Float32, Header, String
+from std_srvs.srv import SetBool
+from visualization_msgs.msg import Marker, MarkerArray
+
+from obb_collision.node.messages.clouds import cloud_to_ros
+from obb_collision.node.messages.conversions import stamp_to_ros
+
+GATE = "obb_collision.node.base.gate"
+SMALL = "[[0.3, 0.3], [0.3, -0.3], [-0.3, -0.3], [-0.3, 0.3]]"
+ZERO = (0.0, 0.0, 0.0)
+GO = (0.5, 0.1, -0.2)
+AS_NAV2: dict[str, Any] = {"fail_closed": False}
+CONFIGURE, ACTIVATE = Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE
+DEACTIVATE, CLEANUP = Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_CLEANUP
+
+
+@pytest.fixture
+def rig(one_robot: None) -> Any:
+    """Return a gate with zones for slow and stop, as strict as by default, that sees nothing."""
+    if not SHARED:
+        SHARED.append(BaseRig({"Slow": zone("slowdown"), "Stop": zone("stop", SMALL)}))
+    SHARED[0].see_points((5.0, 0.0))
+    assert SHARED[0].answer_to(*GO) == GO
+    return SHARED[0]
+
+
+def header(rig: BaseRig, frame: str = "lidar", age: float = 0.0) -> Header:
+    """Return a header of now."""
+    stamp = rig.node.get_clock().now().nanoseconds - int(age * 1e9)
+    return Header(stamp=stamp_to_ros(stamp), frame_id=frame)
+
+
+def give(rig: BaseRig, message: Any, name: str = "front") -> None:
+    """Publish a message of a sensor, and wait until it is taken in."""
+    topic = rig.sensors[name].topic_name.rpartition("/")[2]
+    before = rig.monitor(topic).messages
+    rig.sensors[name].publish(message)
+    rig.until(lambda: rig.monitor(topic).messages > before, "the message")
+
+
+def test_zones_act_by_their_actions(rig: BaseRig) -> None:
+    rig.says_state(action="none", zone="", reason="")
+    rig.see_points((0.4, 0.0))
+    assert rig.answer_to(*GO) == (0.25, 0.05, -0.1)
+    rig.says_state(action="slowdown", zone="Slow", who="front", reason="")
+    rig.see_points((0.2, 0.1), (0.25, 0.0))
+    assert rig.answer_to(*GO) == ZERO
+    said = rig.says_state(action="stop", zone="Stop", who="front")
+    near = [float(value) for value in said["nearest point (m)"].split()]
+    assert near == pytest.approx([0.2, 0.1, 0.0], abs=2e-3)
+
+
+def test_other_axes_are_zero_and_one_command_has_one_answer(rig: BaseRig) -> None:
+    (safe,) = rig.order(*GO, linear_z=1.0, angular_x=2.0)
+    assert (safe.linear.z, safe.angular.x, safe.angular.y) == ZERO
+    for _ in range(5):
+        assert len(rig.order(*GO)) == 1
+    rig.cycles(3)
+    assert len(rig.safe) == 1, "never by a timer"
+
+
+def test_points_of_the_zone_that_acts_are_shown_once_per_command(rig: BaseRig) -> None:
+    shown: dict[str, list[Any]] = {"collision_points_marker": [], "triggering_points": []}
+    subscribed = [
+        rig.client.create_subscription(MarkerArray, f"obb_collision/{name}", came.append, 10)
+        for name, came in shown.items()
+    ]
+    rig.until(lambda: all(rig.node.count_subscribers(s.topic_name) for s in subscribed), "met")
+    rig.see_points((0.4, 0.0), (0.0, 3.0))
+    rig.order(*GO)
+    rig.until(lambda: all(shown.values()), "markers")
+    (every,) = shown["collision_points_marker"][0].markers
+    assert (every.ns, every.type, len(every.points)) == ("collision_points_front", Marker.POINTS, 2)
+    gone, points = shown["triggering_points"][0].markers
+    assert gone.action == Marker.DELETEALL
+    assert (points.ns, points.id, points.frame_locked) == ("Slow/front", 0, True)
+    assert points.header.frame_id == "base_footprint"
+    assert (points.color.r, points.color.g, points.color.b, points.color.a) == (1.0, 1.0, 0.0, 1.0)
+    for subscription in subscribed:
+        rig.client.destroy_subscription(subscription)
+
+
+def test_live_parameters(rig: BaseRig) -> None:
+    rig.see_points((0.2, 0.0))
+    rig.set(**{"Stop.enabled": False})
+    assert rig.answer_to(*GO) == (0.25, 0.05, -0.1)
+    rig.set(**{"Slow.min_points": 2})
+    assert rig.answer_to(*GO) == GO
+    assert not rig.set(**{"Slow.min_points": 0})[0].successful
+    rig.set(**{"Stop.enabled": True, "Slow.min_points": 1})
+    assert rig.answer_to(*GO) == ZERO
+    rig.set(**{"front.enabled": False})
+    assert rig.answer_to(*GO) == GO, "a source that is off is neither seen nor missed"
+    rig.set(**{"front.enabled": True})
+
+
+def toggled(rig: BaseRig, on: bool) -> None:
+    """Switch the zones on or off."""
+    assert rig.call(SetBool, "obb_collision/toggle", SetBool.Request(data=on)).success
+
+
+def test_toggled_off_it_passes_commands_but_not_invalid_sources(rig: BaseRig) -> None:
+    rig.see_points((0.2, 0.0))
+    toggled(rig, on=False)
+    assert rig.answer_to(*GO) == GO
+    rig.see_points((0.2, 0.0), age=3.0)
+    assert rig.answer_to(*GO) == ZERO
+    rig.says_state(reason="stale", who="front")
+    toggled(rig, on=True)
+
+
+def test_what_is_missing_stops_with_its_code(rig: BaseRig) -> None:
+    rig.see_points((5.0, 0.0), age=3.0)
+    assert rig.answer_to(*GO) == ZERO
+    rig.says_state(reason="stale", who="front", action="stop")
+    rig.see_points((5.0, 0.0), age=-1.0)
+    assert rig.answer_to(*GO) == ZERO
+    rig.says_state(reason="refused", who="front")
+    rig.see_points((5.0, 0.0))
+    rig.frames.spans = {"base_footprint": (1, 2)}
+    assert rig.answer_to(*GO) == ZERO
+    rig.says_state(reason="late_frame", who="front")
+    rig.frames.spans = {}
+    rig.see_points()
+    assert rig.answer_to(*GO) == GO
+    give(rig, rig_scan(rig, [np.nan, 0.001]))
+    assert rig.answer_to(*GO) == ZERO
+    rig.says_state(reason="refused", who="front")
+    give(rig, rig_scan(rig, [np.nan, 4.0], angle_increment=np.nan))
+    assert rig.answer_to(*GO) == ZERO
+    rig.says_state(reason="input_unreadable", who="front")
+    rig.see_points((5.0, 0.0))
+    assert rig.answer_to(*GO) == GO
+    rig.says_state(reason="", action="none")
+
+
+def rig_scan(rig: BaseRig, ranges: Any, **fields: Any) -> Any:
+    """Return a scan of some rays."""
+    values = {"range_min": 0.01, "range_max": 30.0, "angle_increment": 0.1} | fields
+    return LaserScan(header=header(rig), ranges=[float(value) for value in ranges], **values)
+
+
+def test_a_command_that_is_no_number_is_zero(rig: BaseRig) -> None:
+    for name in ("linear_x", "linear_z", "angular_y"):
+        for value in (np.nan, np.inf):
+            (safe,) = rig.order(**{name: value})
+            assert (safe.linear.x, safe.linear.y, safe.angular.z) == ZERO
+    rig.says_state(reason="command_invalid")
+
+
+def test_without_a_command_in_time_it_stops(rig: BaseRig) -> None:
+    rig.safe.clear()
+    rig.until(lambda: rig.safe, "a zero")
+    assert not rig.safe[0].linear.x
+    rig.says_state(reason="command_silent")
+    assert rig.answer_to(*GO) == GO
+
+
+def test_an_error_inside_is_zero(rig: BaseRig, monkeypatch: Patch) -> None:
+    with monkeypatch.context() as broken:
+        broken.setattr(f"{GATE}.decide", lambda *_: 1 / 0)
+        assert rig.answer_to(*GO) == ZERO
+        rig.says_state(reason="internal_error")
+    assert rig.answer_to(*GO) == GO
+    rig.node.guard.counts.clear()
+
+
+def test_objects_of_the_scene_count_too(rig: BaseRig) -> None:
+    rig.send(cube(A1, (0.6, 0.0, 0.0), (0.4, 0.4, 0.4), frame="odom"))
+    rig.until(lambda: len(rig.node.objects.table) == 1, "the object")
+    assert rig.answer_to(*GO) == (0.25, 0.05, -0.1)
+    rig.says_state(action="slowdown", who="a/1")
+    rig.send(cube(A1, (0.6, 0.0, 0.0), (0.4, 0.4, 0.4), frame="nowhere"))
+
+    def is_late() -> bool:
+        return rig.answer_to(*GO) == ZERO
+
+    rig.until(is_late, "no place")
+    rig.says_state(reason="late_frame", who="a/1")
+    rig.node.objects.clear()
+    rig.cycles(2)
+    assert rig.answer_to(*GO) == GO
+
+
+def test_stamped_commands_keep_their_header() -> None:
+    with BaseRig({"Slow": zone("slowdown")}, stamped=True) as rig:
+        rig.see_points((0.4, 0.0))
+        (safe,) = rig.order(*GO)
+        assert safe.twist.linear.x == 0.25
+        assert safe.header.frame_id == "base_footprint"
+        assert safe.header.stamp == stamp_to_ros(rig.stamp)
+
+
+class StateLookAlike(String):  # type: ignore[misc]
+    """Stands in for nav2_msgs/CollisionMonitorState."""
+
+    def __init__(self, action_type: int = 0, polygon_name: str = "") -> None:
+        super().__init__(data=f"{action_type} {polygon_name}")
+
+
+def test_the_state_of_nav2_is_published_when_the_zone_changes(monkeypatch: Patch) -> None:
+    monkeypatch.setattr(f"{GATE}.StateMessage", StateLookAlike)
+    zones = {"Slow": zone("slowdown"), "Stop": zone("stop", SMALL)}
+    with BaseRig(zones, given={"state_topic": "state"}, **AS_NAV2) as rig:
+        came: list[Any] = []
+        rig.client.create_subscription(String, "state", came.append, 10)
+        rig.until(lambda: rig.node.count_subscribers(f"{NAMESPACE}/state"), "met")
+        for distance, age in ((5.0, 0), (0.2, 0), (0.21, 0), (0.4, 0), (5.0, 0), (5.0, 3)):
+            rig.see_points((distance, 0.0), age=age)
+            rig.order(*GO)
+        toggled(rig, on=False)
+        rig.see_points((0.2, 0.0))
+        rig.order(*GO)
+        toggled(rig, on=True)
+        rig.order(*GO)
+        expected = ["1 Stop", "2 Slow", "0 ", "1 invalid source", "1 Stop"]
+        rig.until(lambda: len(came) >= len(expected), "states")
+        assert [message.data for message in came] == expected, (
+            "first free is silence, and so is toggled off"
+        )
+
+
+def test_zeros_end_as_those_of_nav2() -> None:
+    with BaseRig({"Stop": zone("stop")}, stop_pub_timeout=0.3, **AS_NAV2) as rig:
+        clock, seconds = rig.gate.now, [0]
+        rig.gate.now = lambda: clock() + seconds[0]
+        rig.see_points((5.0, 0.0))
+        assert len(rig.order()) == 1, "the first zero after the activation"
+        assert len(rig.order(*GO)) == 1
+        assert len(rig.order()) == 1, "commanded"
+        seconds[0] = 250_000_000
+        assert len(rig.order()) == 1
+        seconds[0] = 600_000_000
+        rig.see_points((0.2, 0.0), age=-0.6)
+        assert rig.order() == []
+        assert rig.order(*GO) == [], "or enforced: it makes no difference"
+        rig.see_points((5.0, 0.0), age=-0.6)
+        assert len(rig.order(*GO)) == 1
+        rig.see_points((0.2, 0.0), age=-0.6)
+        assert len(rig.order(*GO)) == 1
+        assert rig.order(np.nan) == [], "ignored"
+        rig.gate.now = clock
+        rig.cycles(60)
+        assert rig.safe == [], "and no command is no reason to say anything"
+
+
+def test_in_other_states_each_command_is_zero() -> None:
+    with BaseRig({"Stop": zone("stop")}, autostart=False) as rig:
+        assert rig.state() == "unconfigured"
+        assert rig.answer_to(*GO) == ZERO
+        rig.says_state(reason="unconfigured")
+        rig.go_through(CONFIGURE)
+        assert rig.answer_to(*GO) == ZERO
+        rig.says_state(reason="inactive")
+        rig.change(ACTIVATE)
+        assert rig.answer_to(*GO) == ZERO
+        rig.says_state(reason="input_silent", who="front")
+        rig.wait_sensors()
+        rig.see_points((5.0, 0.0))
+        assert rig.answer_to(*GO) == GO
+        rig.safe.clear()
+        rig.go_through(DEACTIVATE)
+        rig.until(lambda: rig.safe, "a zero at once")
+        rig.says_state(reason="inactive")
+        rig.go_through(CLEANUP)
+        assert rig.answer_to(*GO) == ZERO
+        rig.says_state(reason="unconfigured")
+        rig.go_through(CONFIGURE, ACTIVATE)
+        rig.wait_sensors()
+        rig.see_points((5.0, 0.0))
+        assert rig.answer_to(*GO) == GO
+
+
+def test_as_nav2_it_is_silent_in_other_states_and_a_bad_zone_leaves_it_unconfigured() -> None:
+    bad = {"Stop": zone("stop", "[[0, 0]]")}
+    with BaseRig(bad, autostart=False, **AS_NAV2) as rig:
+        assert not rig.change(CONFIGURE)
+        assert rig.state() == "unconfigured"
+        assert rig.order(*GO) == []
+        rig.set(**{"Stop.points": SQUARE})
+        rig.go_through(CONFIGURE)
+        assert rig.order(*GO) == []
+        rig.change(ACTIVATE)
+        rig.wait_sensors()
+        rig.see_points((5.0, 0.0))
+        assert rig.answer_to(*GO) == GO
+
+
+def test_the_first_invalid_source_counts_and_those_without_a_limit_do_not() -> None:
+    sources = {
+        "front": SCAN,
+        "rear": SCAN | {"topic": "rear", "source_timeout": 0.0},
+        "top": SCAN | {"topic": "top"},
+    }
+    with BaseRig({"Stop": zone("stop")}, sources) as rig:
+        assert rig.answer_to(*GO) == ZERO
+        rig.says_state(reason="input_silent", who="front")
+        rig.see_points((5.0, 0.0))
+        assert rig.answer_to(*GO) == ZERO
+        rig.says_state(reason="input_silent", who="top")
+        rig.see_points((5.0, 0.0), name="top")
+        assert rig.answer_to(*GO) == GO
+        rig.see_points((0.2, 0.0), name="rear", age=100.0)
+        assert rig.answer_to(*GO) == ZERO, "of any age"
+        rig.says_state(action="stop", who="rear")
+
+
+def test_points_move_with_the_base_since_their_stamp(monkeypatch: Patch) -> None:
+    with BaseRig({"Stop": zone("stop")}) as rig:
+        rig.see_points((1.0, 0.0))
+        assert rig.answer_to(*GO) == GO
+        known, lookup = rig.frames, rig.frames.lookup
+        behind = rig.node.get_clock().now().nanoseconds
+
+        def moved(frame: str, stamp: int) -> Any:
+            if frame == "base_footprint" and stamp > behind:
+                return np.array(pose(0.7)), stamp
+            return lookup(frame, stamp)
+
+        with monkeypatch.context() as patch:
+            patch.setattr(known, "lookup", moved)
+            assert rig.answer_to(*GO) == ZERO, "it has come 0.7 m nearer"
+            rig.set(base_shift_correction=False)
+            assert rig.answer_to(*GO) == GO
+        rig.set(base_shift_correction=True)
+        now = rig.node.get_clock().now().nanoseconds
+        known.spans = {"base_footprint": (1, now)}
+        rig.set(transform_tolerance=100.0)
+        assert rig.answer_to(*GO) == GO, "the latest transform is not too old"
+        rig.set(transform_tolerance=0.0)
+        assert rig.answer_to(*GO) == ZERO
+
+
+def heights(rig: BaseRig, *rows: tuple[float, ...]) -> PointCloud2:
+    """Return a cloud of rows (x, y, z, height)."""
+    cloud = np.zeros(len(rows), [(name, "<f4") for name in ("x", "y", "z", "height")])
+    for row, values in enumerate(rows):
+        cloud[row] = values
+    return cloud_to_ros(cloud, header(rig))
+
+
+def test_clouds_count_between_heights() -> None:
+    source = {"type": "pointcloud", "topic": "cloud", "min_range": 0.1}
+    with BaseRig({"Stop": zone("stop")}, {"front": source}) as rig:
+        for z, stops in ((0.02, 0), (0.05, 1), (0.5, 1), (0.6, 0)):
+            give(rig, cloud_of([[0.2, 0.0, z]], header(rig), "<f8"))
+            assert rig.answer_to(*GO) == (ZERO if stops else GO), z
+        give(rig, cloud_of([[0.05, 0.0, 0.06], [np.nan] * 3], header(rig)))
+        assert rig.answer_to(*GO) == GO, "nearer than min_range"
+        rig.set(**{"front.max_height": 1.0})
+        give(rig, cloud_of([[0.2, 0.0, 0.6]], header(rig)))
+        assert rig.answer_to(*GO) == ZERO
+        rig.set(**{"front.use_global_height": True})
+        give(rig, heights(rig, (0.2, 0.0, 3.0, 0.3)))
+        assert rig.answer_to(*GO) == ZERO
+        give(rig, heights(rig, (0.2, 0.0, 0.3, 3.0)))
+        assert rig.answer_to(*GO) == GO
+        rig.set(fail_closed=False)
+        give(rig, cloud_of([[0.2, 0.0, 0.3]], header(rig)))
+        assert rig.answer_to(*GO) == ZERO, "without the field it is invalid"
+
+
+def test_a_range_is_an_arc_and_one_that_sees_nothing_stops() -> None:
+    source = {"type": "range", "topic": "sonar"}
+    with BaseRig({"Stop": zone("stop")}, {"front": source}, **AS_NAV2) as rig:
+        limits = {"min_range": 0.1, "max_range": 1.0}
+
+        def measure(distance: float, view: float = 0.2) -> tuple[float, ...]:
+            message = Range(range=distance, field_of_view=view, header=header(rig), **limits)
+            give(rig, message)
+            return rig.answer_to(*GO)
+
+        assert measure(0.4) == ZERO
+        assert measure(0.7) == GO
+        assert measure(0.7, 0.5 * np.pi + 0.01) == ZERO, "its end is 0.495 m ahead and aside"
+        for unseen in (0.05, 1.1, np.inf):
+            assert measure(0.7) == GO
+            assert measure(unseen) == ZERO
+
+
+def test_polygons_are_sampled_along_their_borders_until_they_are_old() -> None:
+    source = {"type": "polygon", "topic": "people", "source_timeout": 1.0}
+    zones = {"Stop": zone("stop", min_points=4)}
+    with BaseRig(zones, {"front": source}) as rig:
+
+        def tell(number: int, x: float, age: float = 0.0) -> tuple[float, ...]:
+            corners = [Point32(x=x + a, y=b) for a, b in ((0, 0), (0.2, 0), (0.2, 0.2), (0, 0.2))]
+            polygon = PolygonInstance(polygon=Polygon(points=corners), id=number)
+            give(rig, PolygonInstanceStamped(header=header(rig, age=age), polygon=polygon))
+            return rig.answer_to(*GO)
+
+        assert rig.answer_to(*GO) == ZERO, "nothing stored"
+        assert tell(1, 5.0) == GO
+        assert tell(2, 0.2) == ZERO
+        assert tell(2, 5.0) == GO, "the same id replaces"
+        assert tell(2, 0.2, age=2.0) == GO, "too old, and dropped"
+        assert tell(1, 5.0, age=2.0) == ZERO
+        rig.says_state(reason="stale", who="front")
+
+
+@each("kind", ["circle", "polygon", "footprint"])
+def test_shapes_by_topics(kind: str) -> None:
+    bare = {"action_type": "stop", "min_points": 1, "polygon_sub_topic": "shape"}
+    group: dict[str, Any] = bare | {"type": "circle" if kind == "circle" else "polygon"}
+    if kind == "footprint":
+        group = {"type": "polygon", "action_type": "approach", "footprint_topic": "shape"}
+        group |= {"min_points": 1}
+    with BaseRig({"Zone": group}) as rig:
+        rig.see_points((0.3, 0.0))
+        assert rig.answer_to(*GO) == ZERO
+        rig.says_state(reason="unplaced", who="Zone")
+        rig.set(fail_closed=False)
+        assert rig.answer_to(*GO) == GO, "skipped"
+        message = PolygonStamped if kind != "circle" else Float32
+        publisher = rig.client.create_publisher(message, "shape", 10)
+        rig.until(publisher.get_subscription_count, "the subscription")
+        (made,) = rig.gate.zones
+        for size, x in ((0.4, 0.0), (0.2, 0.0), (0.4, 2.0)):
+            if kind == "circle":
+                publisher.publish(Float32(data=size - x))
+            else:
+                corners = [
+                    Point32(x=x + size * a, y=size * b) for a, b in ((1, 1), (1, -1), (-2, 0))
+                ]
+                frame = "odom" if x else "base_footprint"
+                rig.frames.known["base_footprint"] = pose(x)
+                rig.frames.known["lidar"] = pose(x)
+                points = Polygon(points=corners)
+                publisher.publish(PolygonStamped(header=header(rig, frame), polygon=points))
+            expected = size - x if kind == "circle" else size
+            stops = expected > 0.3
+
+            def arrived(stops: bool = stops) -> bool:
+                return (rig.answer_to(*GO) == ZERO) == stops and made.outline is not None
+
+            if expected > 0.0:
+                rig.until(arrived, f"the shape {size}")
+
+
+def test_a_zone_is_shown() -> None:
+    zones = {"Zone": zone("stop", visualize=True, polygon_pub_topic="shown")}
+    with BaseRig(zones) as rig:
+        came: list[Any] = []
+        rig.client.create_subscription(PolygonStamped, "shown", came.append, 10)
+        rig.until(lambda: rig.node.count_subscribers(f"{NAMESPACE}/shown"), "met")
+        rig.see_points((5.0, 0.0))
+        rig.order(*GO)
+        rig.until(lambda: came, "the zone")
+        assert came[0].header.frame_id == "base_footprint"
+        assert next((p.x, p.y) for p in came[0].polygon.points) == (0.5, 0.5)
+
+
+def test_points_in_an_exclusion_do_not_count_unless_it_cannot_be_placed() -> None:
+    given = {
+        "exclusions": ["dock"],
+        "dock.points": "[[0.1, 1], [0.1, -1], [-1, -1], [-1, 1]]",
+        "dock.frame_id": "station",
+    }
+    with BaseRig({"Stop": zone("stop")}, given=given) as rig:
+        rig.see_points((0.4, 0.0))
+        assert rig.answer_to(*GO) == ZERO, "the station is not known"
+        rig.frames.known["station"] = pose(0.35)
+        assert rig.answer_to(*GO) == GO
+        rig.see_points((0.4, 0.0), (0.48, 0.1))
+        assert rig.answer_to(*GO) == ZERO
