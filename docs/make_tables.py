@@ -38,7 +38,7 @@ from obb_collision.node.diagnostics.answer import CODES, REMEDIES
 from obb_collision.node.inputs import detections
 from obb_collision.node.inputs.sources import DEPTH, KINDS
 from obb_collision.node.inputs.subscriptions import INPUTS, Input
-from obb_collision.node.parameters import sources
+from obb_collision.node.parameters import base, sources
 from obb_collision.node.parameters import table as parameters
 from obb_collision.node.robots import robots, validity
 from obb_collision.node.topics import topics as out
@@ -48,7 +48,7 @@ from obb_collision.node.topics.topics import NAMESPACES, TOPICS, describe_mode
 FOLDER = Path(__file__).parent
 PARAMETER_FILE = FOLDER.parent / "config" / "obb_collision.yaml"
 Spec = parameters.Spec
-PAGES = ("parameters.md", "topics.md", "status.md")
+PAGES = ("parameters.md", "topics.md", "status.md", "mobile_base.md")
 GROUPS = {
     "general": parameters.GENERAL,
     "robots": parameters.ROBOTS,
@@ -56,6 +56,11 @@ GROUPS = {
         *parameters.SOURCES,
         *(replace(spec, name=f"NAME.{spec.name}") for spec in sources.SPECS),
     ),
+    "base": base.NODE,
+    "zones": base.ZONE,
+    "parts of velocity polygons": (*base.PART, *base.DIRECTION),
+    "observation sources": base.SOURCE,
+    "exclusions": base.EXCLUSION,
     "regions": parameters.REGION,
     "filters": parameters.FILTERS,
     "accuracy": parameters.ACCURACY,

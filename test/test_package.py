@@ -81,9 +81,9 @@ LAYERS: dict[str, set[str]] = {
 #: The layers that may import ROS.
 ABOVE = {"node", "demo"}
 ROS = {
-    "ament_index_python", "builtin_interfaces", "diagnostic_msgs", "geometry_msgs", "launch",
-    "moveit_msgs", "nav2_msgs", "rcl_interfaces", "rclpy", "sensor_msgs", "std_msgs", "std_srvs",
-    "tf2_ros", "trajectory_msgs", "vision_msgs", "visualization_msgs",
+    "ament_index_python", "bond", "builtin_interfaces", "diagnostic_msgs", "geometry_msgs",
+    "launch", "moveit_msgs", "nav2_msgs", "rcl_interfaces", "rclpy", "sensor_msgs", "std_msgs",
+    "std_srvs", "tf2_ros", "trajectory_msgs", "vision_msgs", "visualization_msgs",
 }  # fmt: skip
 #: Allowed below the node: resolving a package:// mesh path, where ROS is there.
 OPTIONAL = {("geometry", "ament_index_python")}
@@ -219,7 +219,7 @@ EXTRAS = {
     "coal", "example_robot_data", "fcl", "mujoco", "pinocchio", "pybullet_data", "viser",
 }  # fmt: skip
 #: Messages for which there is a topic or a service only where somebody has installed them.
-OPTIONAL_MESSAGES = {"moveit_msgs", "nav2_msgs", "vision_msgs"}
+OPTIONAL_MESSAGES = {"bond", "moveit_msgs", "nav2_msgs", "vision_msgs"}
 
 
 def dependencies() -> set[str]:

@@ -66,7 +66,7 @@ from obb_collision.node.runtime.lifecycle import ManagedNode
 from obb_collision.node.runtime.running import run_node
 from obb_collision.node.status import reporting
 from obb_collision.node.status.collision_status import STATUS, CollisionStatus
-from obb_collision.node.status.evidence import Evidence
+from obb_collision.node.status.evidence import LONGEST_STANDSTILL, Evidence
 from obb_collision.scene.effects.settings import OFF
 from obb_collision.scene.store.allowed import Rule
 from obb_collision.scene.store.patterns import Overrides
@@ -344,8 +344,16 @@ class CollisionNode(ManagedNode):
         chosen = parameters.zone_objects, parameters.own_objects
         objects = SceneObjects(self.objects.scene, *chosen)
         view = View(self._take_newest, self._gate_faults, objects, odom, base, scene)
+        self.reporting.more.append(partial(self._gate_part, gate))
         self.undo.callback(gate.end)
         gate.begin(view, self.undo.callback)
+
+    def _gate_part(self, gate: Gate) -> reporting.Part:
+        """Return the state of a gate for /diagnostics."""
+        longest, gate.longest = gate.longest, 0.0
+        times = {"commands": gate.commands, "longest answer (ms)": f"{1e3 * longest:.3f}"}
+        faults = [gate.text] if gate.values.get("reason") else []
+        return reporting.Part("base", faults, gate.text, {**gate.values, **times}.items())
 
     def _take_newest(self) -> None:
         """Take in what has arrived, for a command between two cycles."""
@@ -357,6 +365,8 @@ class CollisionNode(ManagedNode):
         for reason in self.evidence.answer().reasons:
             if reason.code not in ("starting", "no_objects" if self.gate_topics else ""):
                 yield Fault(reason.code, reason.whom, reason.detail)
+        if self.steady() - self.time.moved > LONGEST_STANDSTILL:
+            yield Fault("clock_stopped")
 
     def _make_timer(self, period: float, callback: Callable[[], Any]) -> Timer:
         """Create a timer by steady time, until ``release``."""

@@ -185,6 +185,8 @@ def test_yaml_blocks_are_scenes_motions_or_parameters(tmp_path: Path) -> None:
                 parameters += set(names) - set(sources)
                 parameters += (f"NAME.{key}" for source in sources for key in given[source])
                 continue
+            if block.startswith("collision_monitor:"):  # test/node/base reads it
+                continue
             path = tmp_path / f"scene_{len(scenes)}.yaml"
             path.write_text(AT_REST if "waypoints" in block else block)
             scenes.append(describe_scene(path))

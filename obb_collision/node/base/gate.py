@@ -30,6 +30,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import Float32, Header
 from std_srvs.srv import SetBool
 
+from obb_collision.node.base import bond
+from obb_collision.node.base.bond import Bond
 from obb_collision.node.base.drawing import Drawing
 from obb_collision.node.base.objects import SceneObjects
 from obb_collision.node.base.observations import (
@@ -137,13 +139,18 @@ class Gate:
         elif parameters.state_topic:
             node.get_logger().warning("state_topic: nav2_msgs cannot be used, ~/base_state is")
         self._drawing = Drawing(node, parameters.base_frame_id)
+        self._bond: Bond | None = None
+        if bond.Status is not None and not parameters.autostart:
+            self._bond = Bond(node, parameters.bond_heartbeat_period)
         self._said: tuple[object, ...] = ()
         self._zone = ""
         self._moves, self._stopped = True, 0
         """Whether the last command sent was not zero, and when (ns) the first zero after it was."""
         self._heard = self._sent = steady()
-        self.commands = 0
-        """Commands that were answered, or not as they should be."""
+        self.commands, self.longest = 0, 0.0
+        """Commands that came, and the longest time (s) until one was dealt with."""
+        self.text, self.values = "", dict[str, object]()
+        """The last state."""
         self._ended = threading.Event()
         self._in = node.create_subscription(kind, parameters.cmd_vel_in_topic, self._command, 1)
         self._thread = threading.Thread(target=self._watch, name="base gate", daemon=True)
@@ -219,6 +226,8 @@ class Gate:
                 corners = [(p.x, p.y, p.z) for p in message.polygon.points]
                 self._take_polygon(zone, np.array(corners), message.header, is_footprint)
             except (ValueError, InvalidError, RefusedError) as error:
+                if self._values.fail_closed:
+                    zone.outline = None
                 node.get_logger().warning(f"{topic}: {error}", throttle_duration_sec=5.0)
 
         qos = LATCHED if given.is_latched(zone.name) else QoSProfile(depth=1)
@@ -254,9 +263,13 @@ class Gate:
         self.active, self._moves, self._zone = True, True, ""
         for zone in self.zones:
             zone.is_active, zone.in_a_row = False, 0
+        if self._bond is not None:
+            self._bond.begin()
 
     def rest(self, code: str) -> None:
         """Answer no more; a base that moves is stopped."""
+        if self.active and self._bond is not None:
+            self._bond.end()
         self.active = False
         if self._values.fail_closed:
             with self._lock:
@@ -292,6 +305,7 @@ class Gate:
                 self._send(ZERO if decision is None else decision.twist, header, strict)
                 self._tell(decision, fault)
         self.commands += 1
+        self.longest = max(self.longest, self._steady() - began)
 
     def _answer(self, twist: Twist, strict: bool) -> tuple[Decision | None, Fault]:
         """Return the answer, or None and why nothing can be said."""
@@ -303,6 +317,16 @@ class Gate:
             return None, Fault("inactive" if view else "unconfigured")
         view.refresh()
         now, command = self.now(), (parts[0], parts[1], parts[5])
+        points, fault = self._see(now)
+        self._drawing.draw_points(points, now)
+        decision = Decision(command)
+        if self.enabled and not fault.code:
+            decision, fault = self._decide(command, view, points, now, strict)
+        self._drawing.draw_zones(self.zones, decision, now)
+        return (None if fault.code else decision), fault
+
+    def _see(self, now: int) -> tuple[dict[str, Floats], Fault]:
+        """Return the points of sources in order, up to the first one that is invalid and why."""
         points: dict[str, Floats] = {}
         for sensor in self._sensors:
             settings = sensor.settings
@@ -312,13 +336,8 @@ class Gate:
                     points[settings.name] = without(seen, self._exclusions, self._frames, now)
             except InvalidError as error:
                 if settings.source_timeout:
-                    return None, Fault(error.code, settings.name, error.detail)
-        self._drawing.draw_points(points, now)
-        decision, fault = Decision(command), NO_FAULT
-        if self.enabled:
-            decision, fault = self._decide(command, view, points, now, strict)
-        self._drawing.draw_zones(self.zones, decision, now)
-        return (None if fault.code else decision), fault
+                    return points, Fault(error.code, settings.name, error.detail)
+        return points, NO_FAULT
 
     def _decide(
         self,
@@ -414,6 +433,7 @@ class Gate:
             level, text = STALE, f"{fault.code} {who} {fault.detail}".strip()
         status = DiagnosticStatus(level=bytes(level), name=f"{self._node.get_name()}: base")
         status.message, status.hardware_id = text, "obb_collision"
+        self.text, self.values = text, values
         status.values = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
         message = DiagnosticArray(status=[status])
         message.header.stamp = stamp_to_ros(self.now())

@@ -19,14 +19,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from itertools import product
+from typing import Any
 
 import numpy as np
 
-from obb_collision.geometry.poses import as_poses
+from obb_collision.geometry.poses import as_poses, compose_poses, inverse_poses
 from obb_collision.node.base.observations import placed
+from obb_collision.scene.building.shape_cache import CLOUD
 from obb_collision.scene.scene import Scene
 from obb_collision.scene.store.patterns import matching
-from obb_collision.shapes import Cloud
 from obb_collision.typing import Floats, Mask
 from obb_collision.zones import gate
 
@@ -64,16 +65,15 @@ class SceneObjects:
         distances = np.sqrt((offsets**2).sum(axis=1)) - np.sqrt((halves**2).sum(axis=1))
         slots = slots[distances <= reach]
         clouds: dict[str, gate.Cloud] = {}
-        names, boxes = [], []
+        is_cloud = store.kinds[slots] == CLOUD
+        for slot in slots[is_cloud].tolist():
+            shape: Any = self._scene.objects.cache.shape(slot)
+            own = compose_poses(inverse_poses(pose[None]), store.poses[slot : slot + 1])[0]
+            clouds[str(store.names[slot])] = gate.Cloud(placed(own, shape.points), shape.radius)
+        slots = slots[~is_cloud]
         (position,), (rotation,) = as_poses(pose[None], warn=False)
-        for slot in slots.tolist():
-            name, shape = str(store.names[slot]), self._scene.objects.cache.shape(slot)
-            if isinstance(shape, Cloud):
-                in_scene = placed(store.poses[slot], shape.points)
-                clouds[name] = gate.Cloud((in_scene - position) @ rotation, shape.radius)
-                continue
-            axes = store.rotations[slot] * store.half_extents[slot]
-            names.append(name)
-            boxes.append((SIGNS @ axes.T + store.centers[slot] - position) @ rotation)
-        corners = np.array(boxes).reshape(-1, 8, 3)
-        return gate.Surroundings(points, clouds, names, corners)
+        axes = store.rotations[slots] * store.half_extents[slots][:, None, :]
+        corners = np.einsum("nij,kj->nki", axes, SIGNS)
+        corners += (store.centers[slots] - position)[:, None]
+        names = [str(store.names[slot]) for slot in slots.tolist()]
+        return gate.Surroundings(points, clouds, names, np.einsum("nki,ij->nkj", corners, rotation))

@@ -31,7 +31,7 @@ from obb_collision.node.messages.clouds import cloud_from_ros, points_from_ros
 from obb_collision.node.messages.conversions import NANOSECONDS, stamp_from_ros, unusable_poses
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.scans import (
-    NOTHING_KNOWN,
+    NOTHING_VALID,
     points_of_scan,
     range_from_bytes,
     scan_from_bytes,
@@ -184,7 +184,7 @@ class Observation:
         settings, limit = self.settings, int(self.settings.source_timeout * NANOSECONDS)
         reason = self._unread.partition(":")[0]
         if reason and (self._strict or reason in (OUT_OF_RANGE, NO_FIELD)):
-            code = "refused" if reason in (OUT_OF_RANGE, NOTHING_KNOWN) else "input_unreadable"
+            code = "refused" if reason in (OUT_OF_RANGE, NOTHING_VALID) else "input_unreadable"
             raise InvalidError(code, self._unread)
         if not self._parts:
             raise InvalidError("input_silent", "no message")

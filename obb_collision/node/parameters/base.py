@@ -88,6 +88,9 @@ NODE = (
         "Whether all that is not known gives zero, each command is answered, and a missing one by "
         "zero. false: as nav2_collision_monitor."
     ),
+    Spec("bond_heartbeat_period", 0.1, (0.001, FAR), fixed=True).means(
+        "Time between heartbeats for a lifecycle manager of nav2, where bond is installed (s)."
+    ),
     Spec("command_timeout", 0.5, (0.0, FAR)).means(
         "Longest time without a command until zero is sent, with fail_closed (s). 0: none."
     ),
@@ -98,55 +101,90 @@ NODE = (
         "Objects of the scene that are the base itself, and do not count."
     ),
 )
-HEIGHTS = (Spec("min_height", -FAR, ANY), Spec("max_height", FAR, ANY))
+HEIGHTS = (
+    Spec("min_height", -FAR, ANY).means("Points and parts of objects below do not count (m)."),
+    Spec("max_height", FAR, ANY).means("Points and parts of objects above do not count (m)."),
+)
 ZONE = (
-    Spec("type", "", choices=SHAPES),
-    Spec("action_type", "", choices=ACTIONS),
-    Spec("points", "", optional=True),
-    Spec("radius", -1.0, ANY),
-    Spec("polygon_sub_topic", "", optional=True),
-    Spec("polygon_subscribe_transient_local", False),
-    Spec("footprint_topic", "local_costmap/published_footprint", optional=True),
-    _names("velocity_polygons"),
-    Spec("holonomic", False),
-    Spec("enabled", True),
-    Spec("min_points", 4, (1, MANY[1])),
-    Spec("max_points", -1, MANY),
-    Spec("slowdown_ratio", 0.5, (0.0, FAR)),
-    Spec("linear_limit", 0.5, ANY),
-    Spec("angular_limit", 0.5, ANY),
-    Spec("time_before_collision", 2.0, (1e-3, FAR)),
-    Spec("simulation_time_step", 0.1, ANY),
-    _names("sources_names"),
-    Spec("trigger_consecutive_points", 1, MANY),
-    Spec("release_consecutive_points", 1, MANY),
-    Spec("visualize", False),
-    Spec("polygon_pub_topic", "", optional=True),
-    Spec("allow_leaving", False),
-    Spec("footprint", "", optional=True),
+    Spec("type", "", choices=SHAPES).means("Type of the shape."),
+    Spec("action_type", "", choices=ACTIONS).means("What is done if enough is inside."),
+    Spec("points", "", optional=True).means(
+        "Corners of a polygon in the frame of the base (m), '[[x, y], ...]', at least four."
+    ),
+    Spec("radius", -1.0, ANY).means("Radius of a circle (m)."),
+    Spec("polygon_sub_topic", "", optional=True).means(
+        "Topic of the shape, if it is no parameter: PolygonStamped, for circles Float32 (m)."
+    ),
+    Spec("polygon_subscribe_transient_local", False).means("Whether that topic is latched."),
+    Spec("footprint_topic", "local_costmap/published_footprint", optional=True).means(
+        "Topic of the footprint, for approach without other shapes: PolygonStamped."
+    ),
+    _names("velocity_polygons").means("Names of the parts of a velocity polygon."),
+    Spec("holonomic", False).means("Whether parts are chosen by speed and direction."),
+    Spec("enabled", True).means("Whether the zone acts."),
+    Spec("min_points", 4, (1, MANY[1])).means("Number of points inside that are enough."),
+    Spec("max_points", -1, MANY).means("Deprecated by nav2: min_points - 1."),
+    Spec("slowdown_ratio", 0.5, (0.0, FAR)).means("Share of the speed that stays."),
+    Spec("linear_limit", 0.5, ANY).means("Limit of the speed (m/s)."),
+    Spec("angular_limit", 0.5, ANY).means("Limit of the turn rate (rad/s)."),
+    Spec("time_before_collision", 2.0, (1e-3, FAR)).means(
+        "The speed is reduced so that collisions stay this far ahead (s)."
+    ),
+    Spec("simulation_time_step", 0.1, ANY).means("Not used: times are exact."),
+    _names("sources_names").means("Observation sources that count; without entries all."),
+    Spec("trigger_consecutive_points", 1, MANY).means(
+        "Commands in a row with enough inside until the zone acts."
+    ),
+    Spec("release_consecutive_points", 1, MANY).means(
+        "Commands in a row without enough inside until the zone ends to act."
+    ),
+    Spec("visualize", False).means("Whether the zone is published, once per command."),
+    Spec("polygon_pub_topic", "", optional=True).means("Its topic, by default NAME."),
+    Spec("allow_leaving", False).means(
+        "Whether a stop zone allows commands by which footprint comes nearer to nothing inside."
+    ),
+    Spec("footprint", "", optional=True).means(
+        "Footprint of the base, for allow_leaving: corners like points, or a radius (m)."
+    ),
     *HEIGHTS,
 )
 PART = (
-    Spec("points", "", optional=True),
-    *(Spec(f"{kind}_{end}", 0.0, ANY) for kind in ("linear", "theta") for end in ("min", "max")),
+    Spec("points", "", optional=True).means("Corners, as those of a polygon."),
+    *(
+        Spec(f"{kind}_{end}", 0.0, ANY).means(f"Limit of the {what} that the part is for.")
+        for kind, what in (("linear", "speed (m/s)"), ("theta", "turn rate (rad/s)"))
+        for end in ("min", "max")
+    ),
 )
 DIRECTION = (
-    Spec("direction_start_angle", -math.pi, ANY),
-    Spec("direction_end_angle", math.pi, ANY),
+    Spec("direction_start_angle", -math.pi, ANY).means("First direction, if holonomic (rad)."),
+    Spec("direction_end_angle", math.pi, ANY).means("Last direction, turning left (rad)."),
 )
 SOURCE = (
-    Spec("type", OBSERVATIONS[0], choices=OBSERVATIONS),
-    Spec("topic", "scan"),
-    Spec("enabled", True),
-    Spec("source_timeout", 2.0, (0.0, FAR)),
-    Spec("min_height", 0.05, ANY),
-    Spec("max_height", 0.5, ANY),
-    Spec("min_range", 0.0, ANY),
-    Spec("use_global_height", False),
-    Spec("obstacles_angle", math.pi / 180.0, (1e-6, FAR)),
-    Spec("sampling_distance", 0.1, (1e-6, FAR)),
+    Spec("type", OBSERVATIONS[0], choices=OBSERVATIONS).means(
+        "Messages: LaserScan, PointCloud2, Range or PolygonInstanceStamped."
+    ),
+    Spec("topic", "scan").means("Topic."),
+    Spec("enabled", True).means("Whether the source counts, and is missed."),
+    Spec("source_timeout", 2.0, (0.0, FAR)).means(
+        "Age limit (s), by default that of the node. 0: none, and it is never missed."
+    ),
+    Spec("min_height", 0.05, ANY).means("Lowest points of clouds, frame of the base (m)."),
+    Spec("max_height", 0.5, ANY).means("Highest points of clouds, frame of the base (m)."),
+    Spec("min_range", 0.0, ANY).means("Points of clouds nearer to the sensor do not count (m)."),
+    Spec("use_global_height", False).means("Whether heights are the field height of clouds."),
+    Spec("obstacles_angle", math.pi / 180.0, (1e-6, FAR)).means(
+        "Angle between the points of the arc of a range (rad)."
+    ),
+    Spec("sampling_distance", 0.1, (1e-6, FAR)).means(
+        "Distance between points on the borders of polygons (m)."
+    ),
 )
-EXCLUSION = (Spec("points", "", optional=True), Spec("frame_id", "", optional=True), *HEIGHTS)
+EXCLUSION = (
+    Spec("points", "", optional=True).means("Corners of the region (m), '[[x, y], ...]'."),
+    Spec("frame_id", "", optional=True).means("Its frame, by default that of the base."),
+    *HEIGHTS,
+)
 
 
 def has_gate(overrides: Collection[str]) -> bool:

@@ -234,6 +234,8 @@ class Reporting:
         self._subscribed, self._robots, self._cycle = subscribed, robots, cycle
         self._qos, self._now = qos, now
         self._monitors = objects.monitors
+        self.more: list[Callable[[], Part]] = []
+        """Make the states of further parts."""
         self._last = perf_counter()
 
     def publish(self) -> None:
@@ -258,6 +260,8 @@ class Reporting:
         for robot in self._robots.robots:
             faults = [robot.fault] if robot.fault else []
             yield Part(f"robot {robot.name}", faults, "known", robot.describe().items())
+        for make in self.more:
+            yield make()
         yield self._cycle_part(elapsed)
         yield self._guard_part()
         yield self._qos_part()

@@ -17,7 +17,10 @@
 
 from __future__ import annotations
 
+from pkgutil import resolve_name
+from types import SimpleNamespace
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -114,6 +117,41 @@ def test_points_of_the_zone_that_acts_are_shown_once_per_command(rig: BaseRig) -
     assert (points.color.r, points.color.g, points.color.b, points.color.a) == (1.0, 1.0, 0.0, 1.0)
     for subscription in subscribed:
         rig.client.destroy_subscription(subscription)
+
+
+def test_diagnostics_have_the_same_state(rig: BaseRig) -> None:
+    rig.see_points((0.2, 0.0))
+    rig.answer_to(*GO)
+    said = rig.status(": base")
+    assert (said["zone"], said["who"], said["message"]) == ("Stop", "front", "stop by Stop: front")
+    assert float(said["longest answer (ms)"]) < 1e4
+    rig.see_points((5.0, 0.0), age=3.0)
+    rig.answer_to(*GO)
+    assert rig.status(": base")["message"].startswith("stale front")
+
+
+def test_a_bond_tells_a_lifecycle_manager_that_the_node_lives(monkeypatch: Patch) -> None:
+    class Status(SimpleNamespace):
+        """Stands in for bond/Status."""
+
+        def __init__(self, **fields: Any) -> None:
+            super().__init__(header=SimpleNamespace(stamp=None), **fields)
+
+    monkeypatch.setattr("obb_collision.node.base.bond.Status", Status)
+    node, sent = Mock(), list[Any]()
+    node.get_name.return_value, node.create_publisher.return_value.publish = "monitor", sent.append
+    bond = resolve_name("obb_collision.node.base.bond:Bond")(node, 0.1)
+    assert node.create_publisher.call_args.args == (Status, "bond", 10)
+    bond.begin()
+    period, beat = node.create_timer.call_args.args
+    beat()
+    bond.end()
+    assert [status.active for status in sent] == [True, True, False]
+    times = {(status.id, status.heartbeat_timeout, status.heartbeat_period) for status in sent}
+    assert times == {("monitor", 4.0, 0.1)}
+    assert len({status.instance_id for status in sent}) == 1
+    assert period == 0.1
+    node.destroy_timer.assert_called_once()
 
 
 def test_live_parameters(rig: BaseRig) -> None:

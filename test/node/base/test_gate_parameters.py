@@ -23,8 +23,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from base_rig import SCAN, SQUARE, gate_parameters, zone
 from each import each
+from pages import ROOT, code_blocks
 
 from obb_collision.node.parameters.base import NODE, GateParameters, node_specs
 from obb_collision.node.parameters.entries import Spec
@@ -93,7 +95,7 @@ REFUSED: dict[str, tuple[Any, Any, dict[str, Any]]] = {
     "obstacles_angle must": ({"Z": STOP}, {"front": SCAN | {"obstacles_angle": 0.0}}, {}),
     "min_points must": ({"Z": STOP | {"min_points": 0}}, None, {}),
     "occurs twice": ({"Z": STOP}, None, {"polygons": ["Z", "Z"]}),
-    "is the name of other parameters": ({"rate": STOP}, None, {}),
+    "is the name of another": ({"rate": STOP}, None, {}),
 }  # fmt: skip
 
 
@@ -173,6 +175,25 @@ def test_shapes_come_from_parameters_or_topics() -> None:
     np.testing.assert_array_equal(zones["A"].outline.corners[0], [0.5, 0.5])
     assert [zones[name].outline for name in "BCDFGH"] == [None] * 6
     assert len(zones["G"].parts) == 1
+
+
+def flat(group: dict[str, Any], name: str = "") -> dict[str, Any]:
+    """Return parameters by their dotted names."""
+    found: dict[str, Any] = {}
+    for key, value in group.items():
+        found |= flat(value, f"{name}{key}.") if isinstance(value, dict) else {name + key: value}
+    return found
+
+
+def test_the_files_of_the_tutorial_are_read() -> None:
+    blocks = code_blocks(ROOT / "docs" / "tutorials" / "replace_collision_monitor.md", "yaml")
+    first, more = (yaml.safe_load(b)["collision_monitor"]["ros__parameters"] for b in blocks)
+    parameters = read({}, {}, **flat(first))
+    assert [found.name for found in parameters.zones()] == ["PolygonStop", "FootprintApproach"]
+    assert parameters.unused == []  # type: ignore[attr-defined]
+    parameters = read({}, {}, **flat(first), **flat(more))
+    assert parameters.zones()[0].settings.leaving is not None
+    assert [region.frame for region in parameters.exclusions()] == ["dock"]
 
 
 def test_a_zone_that_may_be_left_needs_a_footprint() -> None:
