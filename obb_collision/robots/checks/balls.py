@@ -125,9 +125,9 @@ def cloud_at(clouds: Clouds, ball: int) -> int:
 @njit(refcount=False)
 def find_balls(
     clouds: Clouds, c: int, start: Vector, end: Vector, reach: float, waiting: Integers,
-    out: Integers,
+    out: Integers, most: int,
 ) -> int:  # fmt: skip
-    """Write the balls of cloud c near two points; return their number.
+    """Write the balls of cloud c near two points; return their number, ``most`` for no fewer.
 
     Those whose centres are in the bounds of both points, in the frame of the cloud, grown by reach.
     """
@@ -155,6 +155,8 @@ def find_balls(
             else:
                 out[count] = LANES * row + lane
                 count += 1
+                if count == most:
+                    return count
     return count
 
 

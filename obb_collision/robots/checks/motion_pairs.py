@@ -60,7 +60,7 @@ from obb_collision.robots.checks.arrays import (
     placed_box,
     slack_of,
 )
-from obb_collision.robots.checks.balls import ball_center, body_at, find_balls
+from obb_collision.robots.checks.balls import ball_center, balls_near, body_at, find_balls
 from obb_collision.robots.checks.motion_room import (
     BOUND_GROWTH,
     MotionQuestion,
@@ -69,7 +69,7 @@ from obb_collision.robots.checks.motion_room import (
     pair_bend,
     slot_of,
 )
-from obb_collision.robots.checks.states import HULL, SPHERE, may_collide, square_distance
+from obb_collision.robots.checks.states import FEW_BALLS, HULL, SPHERE, may_collide, square_distance
 from obb_collision.typing import Vector
 
 
@@ -89,6 +89,22 @@ def _passes(box: BoxAt, start: Vector, end: Vector, reach: float) -> tuple[bool,
     if n[0] == 0.0 and n[1] == 0.0 and n[2] == 0.0:
         n = middle
     return not apart, negated(combined(box.axes, n))
+
+
+#: Of bodies that move farther, relative to their spheres, spheres leave out as many balls as boxes.
+FAR_MOVED = 0.5
+
+
+@njit(refcount=False)
+def _moved_at_most(bodies: LinkBodies, p: Placed, q: Placed, i: int) -> float:
+    """Return how far a point of the box of body i moves at most from one place of it to another.
+
+    What is between both, their hull, is within that distance of each.
+    """
+    a, b = placed_box(bodies, p, i), placed_box(bodies, q, i)
+    (u, v, w), (x, y, z), half = a.axes, b.axes, a.half_extents
+    turned = norm(minus(x, u)) * half[0] + norm(minus(y, v)) * half[1]
+    return norm(minus(b.center, a.center)) + turned + norm(minus(z, w)) * half[2]
 
 
 @njit(merge=True)
@@ -169,24 +185,35 @@ def sweep_candidates(
                         count += 1
         for c in range(len(clouds.bodies)):
             j = clouds.bodies[c]
-            far = radius + bodies.spheres[j]
-            found = find_balls(clouds, c, place_a, place_b, far, tree.waiting, tree.balls)
-            for m in range(found):
-                center = ball_center(clouds, c, tree.balls[m])
-                b = BoxAt(center, box_at(world, j).axes, (0.0, 0.0, 0.0))
-                for i in range(first, last):
-                    if ruled and allowed[i, j - tests.first]:
-                        continue
-                    reach = bodies.spheres[i] + bodies.spheres[j] + limits[i]
-                    reach += LINK_PLACING * bodies.reaches[j]
+            far, balls = radius + bodies.spheres[j], tree.balls
+            most = FEW_BALLS if question.level > SPHERE else len(balls)
+            found = find_balls(clouds, c, place_a, place_b, far, tree.waiting, balls, most)
+            few = found < FEW_BALLS or question.level == SPHERE
+            for i in range(first if not few else last, last):
+                few |= _moved_at_most(bodies, p, q, i) > FAR_MOVED * bodies.spheres[i]
+            if few and found >= most:
+                most = len(balls)
+                found = find_balls(clouds, c, place_a, place_b, far, tree.waiting, balls, most)
+            for i in range(first, last):
+                if ruled and allowed[i, j - tests.first]:
+                    continue
+                near_ball = bodies.spheres[j] + limits[i] + LINK_PLACING * bodies.reaches[j]
+                if not few:  # its box leaves most of them out before they are looked at
+                    far = _moved_at_most(bodies, p, q, i) + near_ball
+                    far = (far + LINK_PLACING * bodies.reaches[j]) * BOUND_GROWTH
+                    box = placed_box(bodies, p, i)
+                    found = balls_near(clouds, c, box, far, False, tree.waiting, balls)
+                for m in range(found):
+                    center = ball_center(clouds, c, balls[m])
+                    b = BoxAt(center, box_at(world, j).axes, (0.0, 0.0, 0.0))
                     near, n = _passes(
                         b,
                         minus(vector_at(p.centers, i), center),
                         minus(vector_at(q.centers, i), center),
-                        reach,
+                        bodies.spheres[i] + near_ball,
                     )
                     if near:
-                        candidates[count, 0] = len(bodies.frames) + tree.balls[m]
+                        candidates[count, 0] = len(bodies.frames) + balls[m]
                         candidates[count, 1], candidates[count, 2] = i, -1
                         directions[count, 0], directions[count, 1], directions[count, 2] = n
                         count += 1

@@ -33,6 +33,7 @@ from obb_collision._threads import run
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.boxes import BoxArrays
 from obb_collision.geometry.trees.bounds_tree import lowest, overlaps
+from obb_collision.numerics.constants import MESH_UNDERFLOW
 from obb_collision.numerics.intrinsics import LANES
 from obb_collision.numerics.vec3 import (
     absolute,
@@ -61,7 +62,7 @@ from obb_collision.robots.checks.arrays import (
     slack_of,
     with_own_clouds,
 )
-from obb_collision.robots.checks.balls import ball_center, body_at, find_balls
+from obb_collision.robots.checks.balls import ball_center, balls_near, body_at, find_balls
 from obb_collision.robots.checks.meshes import mesh_collisions_of
 from obb_collision.robots.checks.model import Prepared
 from obb_collision.robots.checks.reports import StatePairs, StateReport
@@ -97,6 +98,10 @@ class CollidingPairs(NamedTuple):
 
 CROWD = 1024
 """Bodies of the world from which on the boxes of a link are looked up, not only its sphere."""
+
+
+FEW_BALLS = 16
+"""Balls in the sphere of a link from which on they are looked up with the boxes of its bodies."""
 
 
 @njit(merge=True)
@@ -174,21 +179,26 @@ def gather(
         for c in range(len(clouds.bodies)):
             j = clouds.bodies[c]
             reach, place = radius + spheres[j], (x, y, z)
-            found = find_balls(clouds, c, place, place, reach, placed.waiting, placed.balls)
-            for m in range(found):
-                ball = ball_center(clouds, c, placed.balls[m])
-                for i in range(first, last):
-                    if ruled and allowed[i, j - tests.first]:
-                        continue
-                    center = vector_at(centers, i)
-                    d = minus(ball, center)
+            most = FEW_BALLS if boxes else len(placed.balls)
+            found = find_balls(clouds, c, place, place, reach, placed.waiting, placed.balls, most)
+            few = found < most or not boxes
+            for i in range(first, last):
+                if ruled and allowed[i, j - tests.first]:
+                    continue
+                center = vector_at(centers, i)
+                near_ball = spheres[j] + grown[row, i] + 2.0 * slack_of(bodies, i, center)
+                near_ball += 2.0 * LINK_PLACING * bodies.reaches[j]
+                reach = (spheres[i] + near_ball) * (1.0 + LINK_PLACING)
+                if not few:  # the box leaves most of them out before they are looked at
+                    far = near_ball * (1.0 + LINK_PLACING) + MESH_UNDERFLOW
+                    box, room = placed_box(bodies, placed, i), (placed.waiting, placed.balls)
+                    found = balls_near(clouds, c, box, far, False, *room)
+                for m in range(found):
+                    d = minus(ball_center(clouds, c, placed.balls[m]), center)
                     square = dot(d, d)
-                    near_ball = spheres[j] + grown[row, i] + 2.0 * slack_of(bodies, i, center)
-                    near_ball += 2.0 * LINK_PLACING * bodies.reaches[j]
-                    reach = spheres[i] + near_ball
-                    if square > reach * reach * (1.0 + LINK_PLACING):
+                    if square > reach * reach:
                         continue
-                    if boxes:
+                    if few and boxes:
                         gap = square_distance(placed_box(bodies, placed, i), d)
                         if gap > near_ball * near_ball * (1.0 + LINK_PLACING):
                             continue
