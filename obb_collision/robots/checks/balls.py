@@ -35,6 +35,7 @@ from obb_collision.numerics.vec3 import (
     axes_of,
     combined,
     components,
+    dot,
     minus,
     plus,
     rows_at,
@@ -160,15 +161,24 @@ def find_balls(
     return count
 
 
+@njit(inline=True, refcount=False)
+def lowest_along(normal: Vector, lean: Vector, nodes: Floats, row: int, lane: int) -> float:
+    """Return the least product of a normal, of magnitudes ``lean``, with bounds in a block."""
+    low = nodes[row, 0, lane], nodes[row, 1, lane], nodes[row, 2, lane]
+    high = nodes[row, 3, lane], nodes[row, 4, lane], nodes[row, 5, lane]
+    return 0.5 * (dot(normal, plus(low, high)) - dot(lean, minus(high, low)))
+
+
 @njit(refcount=False)
 def balls_near(
     clouds: Clouds, c: int, box: BoxAt, limit: float, nearest: bool, waiting: Integers,
-    out: Integers,
+    out: Integers, normal: Vector, ahead: float,
 ) -> int:  # fmt: skip
     """Write the balls of cloud c whose centres are nearer to a box than a limit; return how many.
 
-    nearest: only the nearest one. Distances are those in the frame of the cloud, see
-    ``near_points``; the errors of the places there are the caller's.
+    nearest: only the nearest one. normal, ahead: centres farther than that along a unit normal are
+    left out; zero and infinite for no such plane. Distances are those in the frame of the cloud,
+    see ``near_points``; the errors of the places there are the caller's.
     """
     nodes, starts = clouds.nodes, clouds.levels
     blocks, levels = waiting[0], waiting[1]
@@ -177,6 +187,9 @@ def balls_near(
     axes = components(turn, u), components(turn, v), components(turn, w)
     box = BoxAt(components(turn, minus(box.center, place)), axes, box.half_extents)
     sides = absolute(axes[0]), absolute(axes[1]), absolute(axes[2])
+    ahead -= dot(normal, place)
+    normal = components(turn, normal)
+    lean = absolute(normal)
     (x, y, z), (u0, v0, w0) = box.center, combined(sides, box.half_extents)
     levels[0], blocks[0] = clouds.tops[c], 0
     depth, count = 1, 0
@@ -192,7 +205,7 @@ def balls_near(
             mask &= mask - 1
             if level > 0:
                 child, gap = LANES * block + lane, block_gap(box, sides, nodes, row, lane)
-                if gap > reach:
+                if gap > reach or lowest_along(normal, lean, nodes, row, lane) > ahead:
                     continue
                 if gap < least:
                     least, first, child = gap, child, first
@@ -202,7 +215,7 @@ def balls_near(
                 continue
             point = nodes[row, 0, lane], nodes[row, 1, lane], nodes[row, 2, lane]
             gap = box_distance(box, point)
-            if gap < limit:
+            if gap < limit and not dot(normal, point) > ahead:
                 if nearest:
                     limit, count = gap, 0
                 out[count] = LANES * row + lane

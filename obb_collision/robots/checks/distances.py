@@ -50,7 +50,7 @@ from obb_collision.robots.checks.arrays import (
     with_own_clouds,
     without_clouds,
 )
-from obb_collision.robots.checks.balls import balls_near, body_at
+from obb_collision.robots.checks.balls import ball_center, balls_near, body_at
 from obb_collision.robots.checks.meshes import PairDistances, set_mesh_distances
 from obb_collision.robots.checks.model import Prepared
 from obb_collision.robots.checks.reports import StateDistances
@@ -106,6 +106,7 @@ class DistanceState(NamedTuple):
     lower: Floats  #: (p,) lower bounds of the distances of candidates
     near: PairValues  #: the limit for all pairs; no rows if there is none
     objects: Checked  #: without the clouds, which are asked after them
+    plane: Floats  #: (4,) of the last pair: the unit normal, and the lower bound along it
 
 
 @njit
@@ -124,7 +125,7 @@ def distances_kernel(
     asked = DistanceQuestion(with_own_clouds(held.value), *question)
     nearest = NearestPairs(*output)
     bodies, placed, boxes = asked.checked.bodies, new_placed(asked.checked), asked.boxes
-    objects, tests = without_clouds(asked.checked), asked.checked.tests
+    objects, tests, plane = without_clouds(asked.checked), asked.checked.tests, np.empty(4)
     count = len(tests.pairs) + tests.first * len(tests.order)
     lower, spheres = np.empty(1 if asked.one_pair else count), bodies.spheres.copy()
     for i in range(len(spheres) if boxes else 0):
@@ -133,7 +134,7 @@ def distances_kernel(
     limits = 1 if asked.limit < np.inf and not boxes else 0
     near = PairValues(np.empty((limits, tests.first)), np.empty((limits, len(tests.pairs))))
     near.bodies[:], near.pairs[:] = asked.limit, asked.limit
-    room = DistanceState(placed, cores, room_for_depth(), spheres, lower, near, objects)
+    room = DistanceState(placed, cores, room_for_depth(), spheres, lower, near, objects, plane)
     _fill_distances(asked, nearest, room, start, stop)
 
 
@@ -188,6 +189,8 @@ def _closer(
         for k in range(3):
             cores.centers[j, k] = bodies.centers[j, k]
     near = body_distance(cores, i, cores, j, ZERO, best, room.polytope)
+    room.plane[0], room.plane[1], room.plane[2] = near.normal
+    room.plane[3] = near.lower
     if not (question.one_pair or near.lower < best):
         return best
     nearest.bounds[n, 0], nearest.bounds[n, 1] = near.lower, near.upper
@@ -216,13 +219,16 @@ def _ask_clouds(
             if len(tests.allowed) and tests.allowed[i, j - tests.first]:
                 continue
             box = placed_box(bodies, placed, i)
-            slack = bodies.spheres[j] + slack_of(bodies, i, box.center)
-            slack += LINK_PLACING * bodies.reaches[j]
-            if balls_near(clouds, c, box, best + slack, True, placed.waiting, balls) == 0:
+            error = slack_of(bodies, i, box.center) + LINK_PLACING * bodies.reaches[j]
+            slack, waiting = bodies.spheres[j] + error, placed.waiting
+            if balls_near(clouds, c, box, best + slack, True, waiting, balls, ZERO, np.inf) == 0:
                 continue
             ball = balls[0]
             best = _closer(question, nearest, room, n, i, count + ball, best)
-            found = balls_near(clouds, c, box, best + slack, False, placed.waiting, balls)
+            # the body is behind a plane across the normal, and balls ahead of it are farther
+            normal = room.plane[0], room.plane[1], room.plane[2]
+            far = dot(normal, ball_center(clouds, c, ball)) + best - room.plane[3] + 4.0 * error
+            found = balls_near(clouds, c, box, best + slack, False, waiting, balls, normal, far)
             for m in range(found):
                 if balls[m] != ball:
                     best = _closer(question, nearest, room, n, i, count + balls[m], best)

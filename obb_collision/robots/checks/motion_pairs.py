@@ -28,6 +28,7 @@ from obb_collision.numerics.constants import MESH_UNDERFLOW
 from obb_collision.numerics.intrinsics import LANES, farthest
 from obb_collision.numerics.simplex import BARE_CORNER, no_simplex, with_corner
 from obb_collision.numerics.vec3 import (
+    ZERO,
     axes_of,
     clamped,
     combined,
@@ -202,7 +203,8 @@ def sweep_candidates(
                     far = _moved_at_most(bodies, p, q, i) + near_ball
                     far = (far + LINK_PLACING * bodies.reaches[j]) * BOUND_GROWTH
                     box = placed_box(bodies, p, i)
-                    found = balls_near(clouds, c, box, far, False, tree.waiting, balls)
+                    wide = tree.waiting, balls, ZERO, math.inf
+                    found = balls_near(clouds, c, box, far, False, *wide)
                 for m in range(found):
                     center = ball_center(clouds, c, balls[m])
                     b = BoxAt(center, box_at(world, j).axes, (0.0, 0.0, 0.0))

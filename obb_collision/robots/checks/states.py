@@ -36,6 +36,7 @@ from obb_collision.geometry.trees.bounds_tree import lowest, overlaps
 from obb_collision.numerics.constants import MESH_UNDERFLOW
 from obb_collision.numerics.intrinsics import LANES
 from obb_collision.numerics.vec3 import (
+    ZERO,
     absolute,
     combined,
     components,
@@ -179,9 +180,9 @@ def gather(
         for c in range(len(clouds.bodies)):
             j = clouds.bodies[c]
             reach, place = radius + spheres[j], (x, y, z)
-            most = FEW_BALLS if boxes else len(placed.balls)
-            found = find_balls(clouds, c, place, place, reach, placed.waiting, placed.balls, most)
-            few = found < most or not boxes
+            enough = FEW_BALLS if boxes else len(placed.balls)
+            found = find_balls(clouds, c, place, place, reach, placed.waiting, placed.balls, enough)
+            few = found < enough or not boxes
             for i in range(first, last):
                 if ruled and allowed[i, j - tests.first]:
                     continue
@@ -192,7 +193,7 @@ def gather(
                 if not few:  # the box leaves most of them out before they are looked at
                     far = near_ball * (1.0 + LINK_PLACING) + MESH_UNDERFLOW
                     box, room = placed_box(bodies, placed, i), (placed.waiting, placed.balls)
-                    found = balls_near(clouds, c, box, far, False, *room)
+                    found = balls_near(clouds, c, box, far, False, *room, ZERO, np.inf)
                 for m in range(found):
                     d = minus(ball_center(clouds, c, placed.balls[m]), center)
                     square = dot(d, d)
