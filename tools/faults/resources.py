@@ -95,7 +95,7 @@ def little_memory(bench: Bench) -> str:
         bench.probe()
     node.limit(resource.RLIMIT_AS, status_of(node.number, "VmSize") + MORE)
     marker = cube(("large", 1), (100.0, 0.0, 0.0))
-    marker.type = Marker.POINTS
+    marker.type = Marker.LINE_LIST
     marker.points = np.full(POINTS, Point()).tolist()
     bench.send_apart([marker])  # what it waits for, the probe does not
     bench.spin(2.0)

@@ -252,9 +252,11 @@ class Messages:
         marker.frame_locked = random.random() < (
             ATTACHED if marker.header.frame_id in self.links else LOCKED
         )
-        if marker.type in (4, 5, 6, 7, 8, 11):
-            large = random.random() < 0.02
+        large = random.random() < 0.02
+        if marker.type in (4, 5, 11):
             marker.points = self._corners(3 * random.choice((1, 4, 20)) * (50 if large else 1))
+        elif marker.type in (6, 7, 8):  # each point is an object
+            marker.points = self._corners(random.randint(0, 4) * (50 if large else 1))
         if marker.type == Marker.MESH_RESOURCE:
             marker.mesh_resource = self._meshes.uri(random)
             if random.random() < 0.3:

@@ -20,7 +20,7 @@ bounded in bytes and applied early beyond that, and of the waiting states of an 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from typing import NamedTuple
 
@@ -37,6 +37,7 @@ from obb_collision.node.inputs.batch import (
     settle,
 )
 from obb_collision.node.inputs.boxes import OWNED
+from obb_collision.node.inputs.marker_lists import MarkerLists
 from obb_collision.node.inputs.senders import ALONE
 from obb_collision.node.messages.cdr import Items, markers_from_bytes
 from obb_collision.node.messages.conversions import Kinds, name_from_key
@@ -89,6 +90,7 @@ class MarkerInput:
     def __init__(self, objects: Objects, clock: Callable[[], int], unknown: UnknownObjects) -> None:
         self._objects, self._clock, self._unknown = objects, clock, unknown
         self._monitor, self._guard = objects.monitors["objects"], objects.guard
+        self._lists = MarkerLists(objects)
         self._waiting: list[Waiting] = []
         self.size = 0
         """Bytes that wait."""
@@ -159,8 +161,8 @@ class MarkerInput:
     def _apply_messages(self, messages: list[tuple[Items, int, int]]) -> bool:
         """Apply the markers of messages; return whether that went through."""
         with self._guard.catching("input objects", "whole message"):
-            markers = gather(*zip(*messages, strict=True))
-            MarkerUpdate(markers, self._clock(), self._objects, self._unknown).apply()
+            markers, lists = self._lists.expand(gather(*zip(*messages, strict=True)))
+            MarkerUpdate(markers, self._clock(), self._objects, self._unknown).apply(lists)
             return True
         return False
 
@@ -177,10 +179,12 @@ class MarkerUpdate:
         self._orders = np.zeros(len(markers), np.int64)  # stamps before which others are late
         self._kinds: Kinds = np.zeros(len(markers), np.int8)  # of the poses
 
-    def apply(self) -> None:
-        """Apply the markers, and count those that are not used."""
+    def apply(self, lists: Mapping[int, RefusedError]) -> None:
+        """Apply the markers, and count those that are not used; lists: faults of lists, by row."""
         markers, objects = self._markers, self._objects
         faults = find_faults(markers, objects.placement.frame_index)
+        for row, error in lists.items():
+            faults.note(np.arange(len(markers)) == row, error, of_shape=True)
         self._kinds = faults.kinds
         outcome = settle(markers, faults, self._now, objects.states.stamp_tolerance, self._newest())
         mine = self._without_owned(outcome)

@@ -18,8 +18,8 @@
 |---|---|
 | CUBE, SPHERE, CYLINDER | the unit body times ``scale`` (edge lengths, diameters, height along z) |
 | TRIANGLE_LIST, MESH_RESOURCE | the vertices times ``scale`` |
-| CUBE_LIST, SPHERE_LIST | all points, each a body of edge lengths (diameters) ``scale`` |
-| POINTS | all points, each as wide as the larger of ``scale.x``, ``scale.y`` |
+| CUBE_LIST, SPHERE_LIST | each point alone: a body of edge lengths (diameters) ``scale`` |
+| POINTS | each point alone: a sphere as wide as the larger of ``scale.x``, ``scale.y`` |
 | LINE_LIST, LINE_STRIP | all points, each as wide as ``scale.x`` |
 | ARROW | the drawn arrow, head included (RViz draws the head twice as wide as scale.y, scale.z) |
 | TEXT_VIEW_FACING, ARROW_STRIP | refused: annotations, not bodies |
@@ -34,7 +34,7 @@ import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import PurePath
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from geometry_msgs.msg import Point
@@ -73,8 +73,16 @@ SCALE_AXES = {
 }
 """Number of components of ``scale`` that are used; all three where not named."""
 
+LISTS = {
+    Marker.CUBE_LIST: Marker.CUBE,
+    Marker.SPHERE_LIST: Marker.SPHERE,
+    Marker.POINTS: Marker.SPHERE,
+}
+"""Types of lists whose elements are objects of their own, and the types of these."""
+
 NO_BODY = "no body"
 """Reason: a marker is an annotation, which can't collide."""
+NO_POINTS = RefusedError("no points", "this marker type needs points")
 ANNOTATIONS = (Marker.TEXT_VIEW_FACING, Marker.ARROW_STRIP)
 
 IMMEDIATE = (Marker.CUBE, Marker.SPHERE, Marker.CYLINDER, Marker.ARROW)
@@ -104,6 +112,27 @@ class ShapePlan:
     signature: Signature
     shape: shapes.Shape | None = None
     job: Job | None = None
+
+
+class Elements(NamedTuple):
+    """The bodies of a list: their type, scale (3,), and places (n, 3) in the marker's frame."""
+
+    kind: int
+    scale: Floats
+    points: Floats
+
+
+def elements_of(marker: MarkerShape, most: int) -> Elements:
+    """Return the bodies of a list of at most ``most``; RefusedError where it is not valid."""
+    scale, points = _checked_scale(marker), marker.points
+    if marker.kind == Marker.POINTS:
+        scale = np.full(3, scale[:2].max())
+    if len(points) == 0:
+        raise NO_POINTS
+    if len(points) > most:
+        raise RefusedError("too many objects", f"a list of {len(points)}: {most} is the limit")
+    _check_points(points)
+    return Elements(LISTS[marker.kind], scale, points)
 
 
 def plan_shape(marker: MarkerShape) -> ShapePlan:
@@ -184,9 +213,9 @@ def _triangles(marker: MarkerShape, scale: Floats) -> ShapePlan:
     return ShapePlan(signature, job=Triangles(points, scale))
 
 
-def _bodies(marker: MarkerShape, scale: Floats) -> ShapePlan:
-    points, signature = _known_points(marker, scale)
-    return ShapePlan(signature, job=Bodies(points, scale))
+def _elements(marker: MarkerShape, scale: Floats) -> ShapePlan:
+    found = elements_of(marker, len(marker.points))
+    raise RefusedError("several bodies", f"the {len(found.points)} of a list have no one shape")
 
 
 def _dots(marker: MarkerShape, scale: Floats) -> ShapePlan:
@@ -198,7 +227,7 @@ def _dots(marker: MarkerShape, scale: Floats) -> ShapePlan:
 def _known_points(marker: MarkerShape, scale: Floats) -> tuple[Floats, Signature]:
     points = marker.points
     if len(points) == 0:
-        raise RefusedError("no points", "this marker type needs points")
+        raise NO_POINTS
     digest = _digest(np.ascontiguousarray(points).reshape(-1).view(np.uint8))
     return _kept(points), (marker.kind, *scale.tolist(), len(points), digest)
 
@@ -239,9 +268,7 @@ PLANNERS: dict[int, Callable[[MarkerShape, Floats], ShapePlan]] = {
     Marker.ARROW: _arrow,
     Marker.TRIANGLE_LIST: _triangles,
     Marker.MESH_RESOURCE: _mesh,
-    Marker.CUBE_LIST: _bodies,
-    Marker.SPHERE_LIST: _bodies,
-    Marker.POINTS: _dots,
+    **dict.fromkeys(LISTS, _elements),
     Marker.LINE_LIST: _dots,
     Marker.LINE_STRIP: _dots,
 }

@@ -16,7 +16,8 @@
 
 A pair counts if no filter excludes it: rules, of which the last that fits a pair decides; an
 allowed collision matrix; ``check_only``, the only pairs that count; and namespaces within which
-objects may touch.
+objects may touch. Parts of one body (``wall/1#/0``) may touch, and what is said of it holds for
+them.
 """
 
 from __future__ import annotations
@@ -31,7 +32,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from obb_collision.geometry.validation import as_flag, warn_caller
-from obb_collision.scene.store.patterns import as_patterns, as_tuples, is_pattern, matching
+from obb_collision.scene.store.patterns import (
+    PARTS,
+    as_patterns,
+    as_tuples,
+    is_pattern,
+    matching,
+    whole_of,
+)
 from obb_collision.typing import Mask, Rows
 from obb_collision.words import shown
 
@@ -102,7 +110,7 @@ class PairTable:
         """Return a filter for pairs of slots with these names."""
         self._match(names)
         table, kinds = self._table()
-        spaces = self._spaces if self._within else None
+        spaces = self._spaces if self._numbers else None
         rows, allowed = self._rows, self._allowed if self._numbered else None
 
         def pair_filter(first: Rows, second: Rows) -> NDArray[np.bool_]:
@@ -129,24 +137,41 @@ class PairTable:
         spaces = np.pad(self._spaces, (0, grown))  # a copy: filters in use have the old one
         rows = np.pad(self._rows, (0, grown), constant_values=-1)
         where = {name: row for row, name in enumerate(new_names) if name is not None}
+        parts: dict[str, list[int]] = {}
+        for name in filter(_is_part, where):
+            parts.setdefault(whole_of(name), []).append(where[name])
         places = np.array(new, np.int64)
         columns[places] = False
         for number, side in enumerate(self._sides):
             listed = [where[name] for name in side if name in where]
+            listed += [row for name in side for row in parts.get(name, ())]
             if listed:  # a rule names few objects: no array of all objects per rule
                 columns[places[listed], number] = True
             if number in self._matched:
                 columns[places, number] |= matching(self._matched[number], new_names)
-        if self._within:
-            spaces[new] = [self._space(name) for name in new_names]
+        spaces[places] = -1
+        if self._within or parts:
+            spaces[new] = [self._space(name or "") for name in new_names]
         if self._numbered:
-            rows[new] = [self._numbered.get(name or "", -1) for name in new_names]
+            bodies = (self._numbered.get(whole_of(name or ""), -1) for name in new_names)
+            both_names = zip(new_names, bodies, strict=True)
+            rows[new] = [self._numbered.get(name or "", body) for name, body in both_names]
         self._columns, self._spaces, self._rows = columns, spaces, rows
         self._names = list(names)
 
-    def _space(self, name: str | None) -> int:
-        """Return the number of a name's namespace if objects may touch within it, else -1."""
-        namespace, slash, _ = (name or "").rpartition("/")
+    def _space(self, name: str) -> int:
+        """Return the number of a name's namespace if objects may touch within it, else -1.
+
+        A part whose body is in no such namespace has its own, in which there are only such parts.
+        """
+        body = whole_of(name)
+        number = self._number(body)
+        if number < 0 and body != name:
+            return self._numbers.setdefault(name.rpartition("/")[0], len(self._numbers))
+        return number
+
+    def _number(self, name: str) -> int:
+        namespace, slash, _ = name.rpartition("/")
         number = self._numbers.get(namespace)
         if number is None:
             listed = any(fnmatchcase(namespace, pattern) for pattern in self._within)
@@ -322,7 +347,8 @@ class PairRules:
 
     def filter_of(self, names: Sequence[str | None]) -> PairFilter | None:
         """Return the filter of pairs of names that count, None if all do."""
-        if not (self._rules or self._only or self._within or self._matrix.rows):
+        given = self._rules or self._only or self._within or self._matrix.rows
+        if not (given or any(map(_is_part, filter(None, names)))):
             return None
         if self._table is None:
             rules = list(self._rules.values())
@@ -357,10 +383,17 @@ def _shown(patterns: Patterns) -> Side:
     return patterns[0] if len(patterns) == 1 else patterns
 
 
+def _is_part(name: str) -> bool:
+    """Return whether a name may be that of a part."""
+    return f"{PARTS}/" in name
+
+
+def _fits(name: str, pattern: str) -> bool:
+    return fnmatchcase(name, pattern) or fnmatchcase(whole_of(name), pattern)
+
+
 def _meet(a: Patterns, b: Patterns) -> bool:
     """Return whether a name may match two sides; True for two patterns."""
     return any(
-        (is_pattern(p) and is_pattern(q)) or fnmatchcase(p, q) or fnmatchcase(q, p)
-        for p in a
-        for q in b
+        (is_pattern(p) and is_pattern(q)) or _fits(p, q) or _fits(q, p) for p in a for q in b
     )

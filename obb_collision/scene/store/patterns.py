@@ -59,15 +59,32 @@ def is_pattern(text: str) -> bool:
     return any(letter in text for letter in "*?[")
 
 
+PARTS = "#"
+"""Ends the namespace of the parts of a body: ``wall/1#/0`` and ``wall/1#/1`` are ``wall/1``."""
+PART = re.compile(rf"(.*/-?[0-9]{{1,10}}){PARTS}/[0-9]+", re.DOTALL).fullmatch
+
+
+def whole_of(name: str) -> str:
+    """Return the name of the body that a name is a part of, else the name itself."""
+    part = PART(name) if f"{PARTS}/" in name else None
+    return name if part is None else part[1]
+
+
 def matching(patterns: Collection[str], names: Sequence[str | None]) -> NDArray[np.bool_]:
-    """Return (n,) whether each name matches any of the patterns; None matches none."""
+    """Return (n,) whether each name matches any of the patterns; None matches none.
+
+    What matches a body matches its parts.
+    """
     whole = {pattern for pattern in patterns if not is_pattern(pattern)}
     matches = [re.compile(translate(p)).match for p in patterns if p not in whole]
-    fits = (
-        name is not None and (name in whole or any(match(name) for match in matches))
-        for name in names
-    )
-    return np.fromiter(fits, np.bool_, len(names))
+
+    def fits(name: str) -> bool:
+        if name in whole or any(match(name) for match in matches):
+            return True
+        body = whole_of(name)
+        return body is not name and fits(body)
+
+    return np.fromiter((name is not None and fits(name) for name in names), np.bool_, len(names))
 
 
 #: Limit of overrides: one for each object of a node by default.
@@ -129,8 +146,14 @@ class Overrides(Generic[Value]):
         return bool(self.overrides)
 
     def value(self, name: str) -> Value | None:
-        """Return the value for a name, None where no pattern matches the name."""
+        """Return the value for a name, None where no pattern matches the name or its body."""
+        last = self._last(name)
+        if (body := whole_of(name)) is not name:
+            last = max(last, self._last(body))
+        return None if last < 0 else self.overrides[last][1]
+
+    def _last(self, name: str) -> int:
+        """Return the number of the last override that matches, -1 for none."""
         by_name = self._names.get(name, -1)
         by_pattern = (number for number, match in self._tests if number > by_name and match(name))
-        last = next(by_pattern, by_name)
-        return None if last < 0 else self.overrides[last][1]
+        return next(by_pattern, by_name)

@@ -252,7 +252,7 @@ def test_cycles_do_nothing_that_takes_long(rig: Rig, monkeypatch: Patch, tmp_pat
     with file.open("wb") as stream:
         stream.write(STL)
     points = triangle().points
-    kinds = (Marker.CUBE_LIST, Marker.SPHERE_LIST, Marker.POINTS, Marker.LINE_LIST)
+    kinds = (Marker.LINE_LIST, Marker.LINE_STRIP)
     lists = [cube(("list", kind), type=kind, points=points) for kind in kinds]
     arrow = cube(("list", 0), type=Marker.ARROW, points=points)
     rig.send(triangle(), mesh_marker(file, OTHER), arrow, *lists)
