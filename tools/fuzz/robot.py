@@ -40,7 +40,7 @@ from obb_collision.shapes import Box
 from obb_collision.typing import Floats, Mask
 from tools.fuzz.client import Client, FoundError
 from tools.fuzz.files import MESH, OBJ, SRDF, mutated, urdf
-from tools.fuzz.messages import Messages, box_marker
+from tools.fuzz.messages import OBSTACLE, Messages, box_marker
 from tools.fuzz.process import Child
 
 ROBOT = "bot"
@@ -176,6 +176,7 @@ class RobotMessages:
             (LATCHED[0], String(data=self._urdf)),
             (LATCHED[1], String(data=SRDF)),
             (f"{ROBOT}/joint_states", joints),
+            (OBSTACLE, cloud_to_ros(np.zeros(0, [(axis, "<f4") for axis in "xyz"]), header)),
             (f"{ROBOT}/states_to_check", self._states(states, header)),
         ]
         possible, alone = (scene.check(states).valid for scene in (self._holding, self._alone))

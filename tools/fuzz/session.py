@@ -39,6 +39,7 @@ from obb_collision.node.messages.names import namespace_number
 from obb_collision.node.topics.topics import collisions_from_ros, points_inside_from_ros
 from tools.fuzz.cases import Sent, Stream, grid
 from tools.fuzz.client import Answer, Client, FoundError, Services
+from tools.fuzz.messages import OBSTACLE
 from tools.fuzz.probes import (
     BOXES,
     COMPLETE,
@@ -69,6 +70,8 @@ CLEAN = 0.2
 """Share of the probes that remove all hostile objects, too."""
 ASKED = 0.3
 """Share of the batches behind which states of the robot are asked for."""
+CLOUD = namespace_number(f"sources/{OBSTACLE}")
+"""Namespace of what the sensor sees that is an obstacle."""
 FULL = "rejected: too many objects"
 """Why objects are refused that a node has no room for."""
 RESENDING = 0.5
@@ -108,8 +111,8 @@ class Session:
             boxes = boxes_to_ros(np.arange(count), grid(count), sizes, numbers, header)
             self._client.publishers["object_boxes"].publish(boxes)
 
-            def reached(count: int = count) -> bool:
-                return self._client.count("count", "objects") == count
+            def reached(least: int = max(count, 1)) -> bool:  # the sensor's is there
+                return self._client.count("count", "objects") == least
 
             self._client.until(self._child, reached, f"{count} objects")
 
@@ -173,6 +176,8 @@ class Session:
             )
         if probe.kind == "markers" and random.random() < 0.5:
             self._probe_points(random, probe)
+        elif probe.kind == "markers":
+            self._probe_obstacle(random, probe)
         self.result.probes[probe.kind] += 1
 
     def _ask(self, number: int, probe: Probe, messages: list[Message], sure: Pair) -> set[Pair]:
@@ -228,6 +233,32 @@ class Session:
         if found != {ident: count for ident, count in right.items() if count}:
             raise FoundError(f"points inside are {found}, right is {right}")
         self.result.probes["points"] += 1
+
+    def _probe_obstacle(self, random: Random, probe: Probe) -> None:
+        """Send a cloud that is an obstacle, and wait for its pairs with the boxes."""
+        message, right = self._probes.points(random, probe, time.time_ns())
+        data, found = serialize_message(message), set[int]()
+        wanted = {ident for ident, count in right.items() if count}
+        next_time = 0.0
+
+        def is_right() -> bool:
+            nonlocal next_time, found
+            if time.monotonic() > next_time:  # a hostile one of a later stamp counts for a second
+                self._client.publishers[OBSTACLE].publish(data)
+                next_time = time.monotonic() + RESENDING
+            rows = collisions_from_ros(self._client.answers[-1].message)
+            found = {
+                ident
+                for cloud, ident in (("ns_a", "id_b"), ("ns_b", "id_a"))
+                for ident in rows[ident][rows[cloud] == CLOUD].tolist()
+            } & right.keys()
+            return found == wanted
+
+        try:
+            self._client.until(self._child, is_right, "pairs of a cloud")
+        except FoundError as error:
+            raise FoundError(f"{error}: pairs with {found}, right is {wanted}") from error
+        self.result.probes["obstacles"] += 1
 
     def end(self) -> None:
         """Add up the last diagnostics; FoundError if the node counted internal errors."""
