@@ -566,6 +566,8 @@ class CollisionNode(ManagedNode):
         """Stop robots, and publish the status unknown: a signal waits, in another thread."""
         try:
             self._stop_robots()
+            if self.gate is not None:
+                self.gate.close()
         finally:
             self.status.close()
             with self.transition:  # the context ends after it

@@ -119,9 +119,10 @@ class Zone:
     """Places the shape at a time (ns), where it is in another frame."""
 
     @property
-    def is_known(self) -> bool:
-        """Whether there is a shape, or may be one for some command."""
-        return self.outline is not None or bool(self.parts) or self.settings.action == NOTHING
+    def is_missing(self) -> bool:
+        """Whether the zone acts, and has no shape."""
+        settings = self.settings
+        return settings.enabled and settings.action != NOTHING and self.outline is None
 
     def shape(self, twist: Twist) -> None:
         """Take the part of a velocity polygon for a command; the last one where none is."""

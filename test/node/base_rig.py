@@ -70,7 +70,8 @@ class BaseRig(Sensing):
         sources = {"front": SCAN} if sources is None else sources
         self.frames = FakeFrames()
         self.frames.known = {name: pose(0.0) for name in ("odom", "base_footprint", "lidar")}
-        parameters = {"enable_stamped_cmd_vel": stamped, "autostart": True, **parameters}
+        own = {"enable_stamped_cmd_vel": stamped, "autostart": True, "command_timeout": 0.0}
+        parameters = {**own, **parameters}
         parameters |= gate_parameters(zones, sources) | dict(given or {})
         super().__init__(frames=self.frames, given=parameters, deaf=True)
         self.is_stamped, kind = stamped, TwistStamped if stamped else Twist

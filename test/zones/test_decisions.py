@@ -22,6 +22,7 @@ import math
 import numpy as np
 import pytest
 from each import each
+from processes import run_python
 
 from obb_collision.typing import Floats
 from obb_collision.zones import (
@@ -169,6 +170,42 @@ def test_objects_count_beside_points() -> None:
     ball = Surroundings({}, {"sources/a/0": Cloud(np.array([[1.2, 0.0, 0.0]]), 0.2)})
     found = decide((0.5, 0.0, 0.0), [zone("approach")], ball)
     assert found.finding.time == pytest.approx(1.0)
+
+
+def test_nothing_that_moves_has_a_point_in_its_footprint() -> None:
+    rng, moving = np.random.default_rng(5), 0
+    for _ in range(2000):
+        points = rng.uniform(-1.5, 1.5, (int(rng.integers(1, 30)), 3))
+        x, y, turn = rng.uniform(-1.0, 1.0, 3).tolist()
+        found = decide((x, y, turn), [zone("approach")], Surroundings({"front": points}))
+        if any(found.twist):
+            moving += 1
+            assert (np.abs(points[:, :2]).max(axis=1) > 0.5).all()
+    assert moving > 100
+
+
+def test_warm_up_has_all_kernels() -> None:
+    code = """
+import numpy as np
+from obb_collision import _jit
+from obb_collision.warm_up import steps
+steps.run(steps.ZONES)
+from obb_collision.zones import *
+before = _jit.loaded_kernels()
+corners = np.zeros((2, 8, 3))
+for outline in (circle(0.5), polygon_from_text("[[1, 1], [1, -1], [-1, -1], [-1, 1]]")):
+    for action in ("stop", "slowdown", "limit", "approach"):
+        for leaving in (None, outline, circle(0.3)):
+            settings = Settings(action, min_height=0.1, max_height=1.0, leaving=leaving)
+            for count in (0, 1, 40):
+                points = np.zeros((count, 3))
+                clouds = {"cloud": Cloud(points, 0.1)}
+                around = Surroundings({"front": points}, clouds, ["a", "b"], corners)
+                decide((0.1, 0.0, 0.2), [Zone("z", settings, outline)], around)
+new = _jit.loaded_kernels() - before
+assert not new, new
+"""
+    run_python("-c", code)
 
 
 def ring(distance: float) -> Floats:

@@ -200,7 +200,7 @@ class Gate:
         self._view = view
         for zone in self.zones:
             topic = given.topic_of(zone.name)
-            if topic:
+            if topic and zone.outline is None and not zone.parts:
                 self._add_shape(zone, topic, undo)
             shown = given.shown_as(zone.name)
             if shown:
@@ -248,7 +248,7 @@ class Gate:
         if frame in ("", self._values.base_frame_id):
             zone.outline = polygon(corners[:, :2])
         elif moves:
-            pose = self._frames.at_once(frame, stamp, self.now())
+            pose = self._frames.at_once(frame, stamp)
             zone.outline = polygon(placed(pose, corners)[:, :2])
         else:
             zone.place = place
@@ -271,7 +271,7 @@ class Gate:
         if self.active and self._bond is not None:
             self._bond.end()
         self.active = False
-        if self._values.fail_closed:
+        if self._values.fail_closed and self._node.context.ok():
             with self._lock:
                 self._tell(None, Fault(code))
                 if self._moves:
@@ -279,10 +279,9 @@ class Gate:
 
     def close(self) -> None:
         """Stop the base, and end."""
-        self._ended.set()
-        if self._thread is not threading.current_thread():
+        if not self._ended.is_set():
+            self._ended.set()
             self._thread.join()
-        if self._node.context.ok():
             self.rest("shutting_down")
 
     def _command(self, message: Any) -> None:
@@ -292,7 +291,7 @@ class Gate:
         header = message.header if self._stamped else None
         strict = self._values.fail_closed
         try:
-            answer = self._answer(twist, strict)
+            answer = self.decision(twist, strict)
         except Exception as error:
             self._caught("gate", error)
             answer = None, Fault("internal_error", detail=str(error))
@@ -307,7 +306,7 @@ class Gate:
         self.commands += 1
         self.longest = max(self.longest, self._steady() - began)
 
-    def _answer(self, twist: Twist, strict: bool) -> tuple[Decision | None, Fault]:
+    def decision(self, twist: Twist, strict: bool) -> tuple[Decision | None, Fault]:
         """Return the answer, or None and why nothing can be said."""
         parts = [getattr(side, axis) for side in (twist.linear, twist.angular) for axis in "xyz"]
         if not all(map(math.isfinite, parts)):
@@ -358,7 +357,8 @@ class Gate:
             except InvalidError as error:
                 if strict and zone.settings.enabled:
                     return free, Fault(error.code, zone.name, error.detail)
-            if strict and zone.settings.enabled and not zone.is_known:
+            zone.shape(command)
+            if strict and zone.is_missing:
                 return free, Fault("unplaced", zone.name, "its shape is not known")
         reach = self._reach(command)
         try:
@@ -402,6 +402,8 @@ class Gate:
             message = TwistStamped(header=header, twist=out)
         self._out.publish(message)
         self._moves, self._sent = any(twist), self._steady()
+        if self._view is not None:
+            self._frames.twist = self._in_scene.twist = twist
 
     def _tell(self, decision: Decision | None, fault: Fault) -> None:
         """Publish the state where it has changed."""
@@ -451,11 +453,14 @@ class Gate:
                     return
 
     def _look(self) -> None:
-        limit, steady = self._values.command_timeout, self._steady()
-        silent = steady - self._heard
-        if not self._values.fail_closed or not limit or silent <= limit:
+        limit = self._values.command_timeout
+        if not self._values.fail_closed or not limit:
             return
-        with self._lock:
+        with self._lock:  # of two answers the one that is published last is the newer one
+            steady = self._steady()
+            silent = steady - self._heard
+            if silent <= limit:
+                return
             repeats = silent <= limit + self._values.stop_pub_timeout and steady - self._sent > BEAT
             if self._moves or repeats:
                 self._publish(ZERO, None)

@@ -17,6 +17,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
@@ -38,7 +39,7 @@ from obb_collision.node.messages.scans import (
 )
 from obb_collision.node.parameters.parameters import Parameters
 from obb_collision.typing import Floats
-from obb_collision.zones.outlines import count_inside
+from obb_collision.zones.outlines import Twist, count_inside, seen_at
 from obb_collision.zones.sources import CLOUD, POLYGON, RANGE, SCAN, Observed, arc, border
 from obb_collision.zones.zones import Exclusion
 
@@ -70,42 +71,61 @@ class BaseFrames:
     def __init__(self, parameters: Parameters, odom: Lookup, base: Lookup) -> None:
         self._base_frame, self._odom, self._base = parameters.base_frame_id, odom, base
         self._parameters = parameters
+        self.twist: Twist = (0.0, 0.0, 0.0)
+        """Of the base: how it goes on where there is no transform yet."""
         self._own: tuple[int, Floats] = (-1, np.empty(0))
 
     def base_pose(self, now: int) -> Floats:
         """Return the pose (7,) of the base in the frame of odometry; InvalidError."""
         if self._own[0] != now:
-            self._own = now, self._near(self._odom, self._base_frame, now, now)
+            self._own = now, self._carried(self._base_frame, now)
         return self._own[1]
 
-    def place(self, frame: str, stamp: int, now: int) -> Floats:
-        """Return the pose (7,) of a frame at a stamp in that of the base now; InvalidError."""
+    def place(self, frame: str, stamp: int, now: int, moves: bool = False) -> Floats:
+        """Return the pose (7,) of a frame at a stamp in that of the base now; InvalidError.
+
+        moves: whether the frame moves with the base.
+        """
         if not self._parameters.base_shift_correction:
-            return self._near(self._base, frame, 0, now)
-        pose = self._near(self._odom, frame, stamp, now)
+            return self._near(self._base, frame, 0)[0]
+        pose = self._carried(frame, stamp) if moves else self._near(self._odom, frame, stamp)[0]
         return compose_poses(inverse_poses(self.base_pose(now)[None]), pose[None])[0]
 
-    def at_once(self, frame: str, stamp: int, now: int) -> Floats:
+    def at_once(self, frame: str, stamp: int) -> Floats:
         """Return the pose (7,) of a frame in that of the base, both at a stamp; InvalidError."""
-        base, pose = (
-            self._near(self._odom, name, stamp, now) for name in (self._base_frame, frame)
-        )
+        base, pose = (self._near(self._odom, name, stamp)[0] for name in (self._base_frame, frame))
         return compose_poses(inverse_poses(base[None]), pose[None])[0]
 
-    def _near(self, lookup: Lookup, frame: str, stamp: int, now: int) -> Floats:
-        """Return a pose at a stamp, or the latest one if that is not too old."""
+    def _carried(self, frame: str, stamp: int) -> Floats:
+        """Return the pose of a frame on the base, which goes on from its latest transform."""
+        pose, lag = self._near(self._odom, frame, stamp)
+        if lag <= 0:
+            return pose
+        x, y, turn = self.twist
+        time = lag / NANOSECONDS
+        way = seen_at(0.0, 0.0, (-x, -y, -turn), time)
+        half = 0.5 * turn * time
+        moved = np.array([[*way, 0.0, 0.0, 0.0, math.sin(half), math.cos(half)]])
+        base = self._near(self._odom, self._base_frame, 0)[0][None]
+        on_base = compose_poses(inverse_poses(base), pose[None])
+        return compose_poses(compose_poses(base, moved), on_base)[0]
+
+    def _near(self, lookup: Lookup, frame: str, stamp: int) -> tuple[Floats, int]:
+        """Return a pose at a stamp, or the latest one if that is not too old; and its age (ns)."""
+        lag, limit = 0, self._parameters.transform_tolerance * NANOSECONDS
         try:
             try:
                 pose, _ = lookup(frame, stamp)
             except RefusedError:
                 pose, at = lookup(frame, 0)
-                if at and abs(stamp - at) > self._parameters.transform_tolerance * NANOSECONDS:
+                lag = stamp - at if at else 0
+                if abs(lag) > limit:
                     raise
         except RefusedError as error:
             raise InvalidError("late_frame", f"{error.reason}: {error.detail}") from error
         if unusable_poses(pose[None]).any():
             raise InvalidError("late_frame", f"bad transform of {frame!r}")
-        return pose
+        return pose, lag
 
 
 class Part(NamedTuple):
@@ -206,7 +226,7 @@ class Observation:
 
     def _placed(self, part: Part, frames: BaseFrames, now: int) -> Floats:
         points, settings = part.points, self.settings
-        pose = frames.place(part.header.frame_id, stamp_from_ros(part.header.stamp), now)
+        pose = frames.place(part.header.frame_id, stamp_from_ros(part.header.stamp), now, True)
         if settings.type != CLOUD:
             return placed(pose, points)
         if settings.min_range > 0.0:

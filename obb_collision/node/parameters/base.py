@@ -267,20 +267,21 @@ class GateParameters:
         elif kind == CIRCLE and f"{name}.radius" in self._given:
             zone.outline = circle(self._of(name, "radius"))
         elif kind == POLYGON and text:
-            zone.outline = polygon_from_text(text)
+            try:
+                zone.outline = polygon_from_text(text)
+            except ValueError:
+                if not self._of(name, "polygon_sub_topic"):
+                    raise
         elif not self.topic_of(name):
             raise ValueError(f"{name} has no shape: polygon_sub_topic is missing")
         return zone
 
     def topic_of(self, name: str) -> str:
-        """Return the topic of the shape of a zone, "" for one that parameters give."""
-        kind = self._of(name, "type")
-        fixed = {POLYGON: self._of(name, "points"), CIRCLE: f"{name}.radius" in self._given}
-        if fixed.get(kind, True):
-            return ""
-        if kind == POLYGON and self._of(name, "action_type") == APPROACH:
-            return str(self._of(name, "polygon_sub_topic") or self._of(name, "footprint_topic"))
-        return str(self._of(name, "polygon_sub_topic"))
+        """Return the topic of the shape of a zone that has none by parameters, "" for none."""
+        topic, is_polygon = self._of(name, "polygon_sub_topic"), self._of(name, "type") == POLYGON
+        if is_polygon and not topic and self._of(name, "action_type") == APPROACH:
+            topic = self._of(name, "footprint_topic")
+        return str(topic)
 
     def shown_as(self, name: str) -> str:
         """Return the topic on which a zone is published, "" for none."""

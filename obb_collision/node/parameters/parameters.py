@@ -79,7 +79,7 @@ class Parameters:
         self._overridden: dict[str, Any] = {}
         self._specs: dict[str, Spec] = {}
         """Of all parameters, those of sources, too."""
-        given = parameter_overrides(node)
+        given = {name: given.value for name, given in parameter_overrides(node).items()}
         self._add(node_specs(SPECS, given))
         self.gate = GateParameters(self._add, self._values, given) if has_gate(given) else None
         """Those of a mobile base, if there is one."""
@@ -215,12 +215,21 @@ def _declare(node: Node, spec: Spec) -> Any:
     if node.has_parameter(spec.name):  # since the node was configured before
         return node.get_parameter(spec.name).value
     try:
-        return node.declare_parameter(spec.name, spec.default, spec.descriptor()).value
+        empty = is_empty_list(parameter_overrides(node).get(spec.name))
+        descriptor = spec.descriptor()
+        return node.declare_parameter(
+            spec.name, spec.default, descriptor, ignore_override=empty
+        ).value
     except InvalidParameterTypeException as error:
         if not isinstance(spec.default, float):
             raise
         hint = f"write it with a decimal point, as in {spec.name}:={spec.default}"
         raise ValueError(f"{error}; {hint}") from error
+
+
+def is_empty_list(given: Parameter | None) -> bool:
+    """Return whether a parameter is [] in a file, which has no type and no value."""
+    return given is not None and given.value is None
 
 
 def misspelt(names: Iterable[str], known: Collection[str] = SPEC_OF.keys()) -> list[str]:

@@ -17,6 +17,7 @@
 
 from __future__ import annotations
 
+import time
 from pkgutil import resolve_name
 from types import SimpleNamespace
 from typing import Any
@@ -59,7 +60,7 @@ def rig(one_robot: None) -> Any:
     if not SHARED:
         SHARED.append(BaseRig({"Slow": zone("slowdown"), "Stop": zone("stop", SMALL)}))
     SHARED[0].see_points((5.0, 0.0))
-    assert SHARED[0].answer_to(*GO) == GO
+    assert SHARED[0].answer_to(*GO) == GO, SHARED[0].gate.text
     return SHARED[0]
 
 
@@ -223,11 +224,43 @@ def test_a_command_that_is_no_number_is_zero(rig: BaseRig) -> None:
 
 
 def test_without_a_command_in_time_it_stops(rig: BaseRig) -> None:
+    rig.set(command_timeout=0.2)
     rig.safe.clear()
     rig.until(lambda: rig.safe, "a zero")
     assert not rig.safe[0].linear.x
     rig.says_state(reason="command_silent")
+    rig.set(command_timeout=0.0)
     assert rig.answer_to(*GO) == GO
+
+
+def test_a_blocked_node_stops(rig: BaseRig) -> None:
+    rig.set(command_timeout=0.2)
+    rig.safe.clear()
+    limit = time.monotonic() + rig.patience
+    while rig.gate.values.get("reason") != "command_silent":  # nothing spins
+        assert time.monotonic() < limit
+        time.sleep(0.01)
+    rig.until(lambda: rig.safe, "a zero")
+    rig.set(command_timeout=0.0)
+    assert rig.answer_to(*GO) == GO
+
+
+def test_an_answer_that_comes_too_late_is_zero(rig: BaseRig) -> None:
+    rig.set(command_timeout=1e-6)
+    assert rig.answer_to(*GO) == ZERO
+    rig.says_state(reason="overload")
+    rig.set(command_timeout=0.0)
+
+
+def test_a_clock_that_stands_still_is_zero(rig: BaseRig, monkeypatch: Patch) -> None:
+    with monkeypatch.context() as patch:
+        patch.setattr(rig.node.time, "now", rig.node.time.now)
+        patch.setattr(rig.node.time, "seconds", lambda: -1e6)
+        patch.setattr(rig.node.time, "moved", -1e6)
+        stopped = rig.node.get_clock().now().nanoseconds
+        patch.setattr(rig.node.time, "now", lambda: stopped)
+        assert rig.answer_to(*GO) == ZERO
+        rig.says_state(reason="clock_stopped")
 
 
 def test_an_error_inside_is_zero(rig: BaseRig, monkeypatch: Patch) -> None:
@@ -254,6 +287,19 @@ def test_objects_of_the_scene_count_too(rig: BaseRig) -> None:
     rig.node.objects.clear()
     rig.cycles(2)
     assert rig.answer_to(*GO) == GO
+
+
+def test_a_node_that_ends_stops_the_base() -> None:
+    given = {"odom_frame_id": "odometry", "Stop.velocity_polygons": None}  # [] in a file
+    with BaseRig({"Stop": zone("stop")}, given=given) as rig:
+        assert rig.node.parameters.fixed_frame == "odometry"
+        rig.see_points((5.0, 0.0))
+        assert rig.answer_to(*GO) == GO
+        rig.safe.clear()
+        rig.node.say_farewell()
+        rig.until(lambda: rig.safe, "a zero")
+        assert rig.safe[0].linear.x == 0.0
+        rig.says_state(reason="shutting_down")
 
 
 def test_stamped_commands_keep_their_header() -> None:
@@ -401,6 +447,8 @@ def test_points_move_with_the_base_since_their_stamp(monkeypatch: Patch) -> None
         known.spans = {"base_footprint": (1, now)}
         rig.set(transform_tolerance=100.0)
         assert rig.answer_to(*GO) == GO, "the latest transform is not too old"
+        rig.see_points((0.55, 0.0))
+        rig.until(lambda: rig.answer_to(*GO) == ZERO, "it goes on as commanded since then")
         rig.set(transform_tolerance=0.0)
         assert rig.answer_to(*GO) == ZERO
 
@@ -537,3 +585,42 @@ def test_points_in_an_exclusion_do_not_count_unless_it_cannot_be_placed() -> Non
         assert rig.answer_to(*GO) == GO
         rig.see_points((0.4, 0.0), (0.48, 0.1))
         assert rig.answer_to(*GO) == ZERO
+
+
+SIZES = {"scan": (1080, 5e-3), "cloud": (24_000, 10e-3)}
+"""Points, and the most seconds of a thread for a decision, with 100 boxes."""
+
+
+@pytest.mark.slow
+@each("kind", SIZES)
+def test_decisions_take_milliseconds(kind: str, monkeypatch: Patch) -> None:
+    count, most = SIZES[kind]
+    zones = {"Stop": zone("stop", SMALL), "Slow": zone("slowdown"), "Near": zone("approach", SMALL)}
+    source = SCAN if kind == "scan" else {"type": "pointcloud", "topic": "cloud"}
+    rng, took = np.random.default_rng(0), list[float]()
+    with BaseRig(zones, {"front": source}) as rig:
+        turns = rng.uniform(0.0, 2.0 * np.pi, 100)
+        places = rng.uniform(2.0, 4.0, 100) * (np.cos(turns), np.sin(turns))
+        size, frame = (0.3, 0.3, 1.0), "odom"
+        boxes = [cube(("a", k), (x, y, 0.5), size, frame) for k, (x, y) in enumerate(places.T)]
+        rig.send(*boxes)
+        rig.until(lambda: len(rig.node.objects.table) == 100, "the boxes")
+        answer = rig.gate.decision
+
+        def timed(*arguments: Any) -> Any:
+            start = time.thread_time()
+            try:
+                return answer(*arguments)
+            finally:
+                took.append(time.thread_time() - start)
+
+        monkeypatch.setattr(rig.gate, "decision", timed)
+        for _ in range(20):
+            angles = rng.uniform(-np.pi, np.pi, count)
+            if kind == "scan":
+                rig.see_points(*(2.0 * np.column_stack([np.cos(angles), np.sin(angles)])))
+            else:
+                ring = [np.cos(angles), np.sin(angles), 0.05 + 0.0 * angles]
+                give(rig, cloud_of(2.0 * np.column_stack(ring), header(rig)))
+            rig.answer_to(0.5, 0.0, 0.3)
+    assert min(took) < most

@@ -162,7 +162,7 @@ def test_shapes_come_from_parameters_or_topics() -> None:
     parameters = read({
         "A": STOP, "B": bare | by_topic, "C": footprint, "D": footprint | by_topic,
         "E": CIRCLE, "F": without(CIRCLE, "radius") | by_topic, "G": velocity(PART),
-        "H": footprint | {"footprint_topic": "feet"},
+        "H": footprint | {"footprint_topic": "feet"}, "I": STOP | by_topic | {"points": "none"},
     })  # fmt: skip
     default = "local_costmap/published_footprint"
     topics = [parameters.topic_of(name) for name in "ABCDEFGH"]
@@ -173,7 +173,7 @@ def test_shapes_come_from_parameters_or_topics() -> None:
     assert zones["E"].outline.radius == 0.4
     assert zones["A"].outline is not None
     np.testing.assert_array_equal(zones["A"].outline.corners[0], [0.5, 0.5])
-    assert [zones[name].outline for name in "BCDFGH"] == [None] * 6
+    assert [zones[name].outline for name in "BCDFGHI"] == [None] * 7
     assert len(zones["G"].parts) == 1
 
 
