@@ -22,7 +22,8 @@ from functools import wraps
 from math import inf, isnan, nan
 from typing import Any
 
-from evidence_machine import Ahead, EvidenceMachine, of_robot
+from evidence_faults import FaultMachine
+from evidence_machine import Ahead, of_robot
 from evidence_things import OFFSET
 from evidence_world import (
     EITHER,
@@ -55,7 +56,7 @@ def of_sensors(step: Callable[..., None]) -> Callable[..., None]:
     return go
 
 
-class SensorMachine(EvidenceMachine):
+class SensorMachine(FaultMachine):
     """A machine whose node has sensors."""
 
     def see_all(self) -> None:
