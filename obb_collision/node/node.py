@@ -246,13 +246,8 @@ class CollisionNode(ManagedNode):
         fixed_frame, names = self.parameters.fixed_frame, self.parameters.robots
         self.topics: dict[str, Input] = {**INPUTS, **detections.INPUTS, **robot_inputs(names)}
         self.topics |= source_inputs(self.parameters.source_settings)
-        self.gate_topics: tuple[str, ...] = ()
-        if self.gate is not None:
-            kinds = self.gate.prepare(self.topics, lambda: self.objects.max_points)
-            best_effort = ReliabilityPolicy.BEST_EFFORT
-            for topic, kind in kinds.items():
-                self.topics[topic] = Input(kind, SENSOR_DEPTH, best_effort, is_query=True)
-            self.gate_topics = tuple(kinds)
+        self.gate_topics = self._gate_topics()
+        self.topics |= self.gate_topics
         if self.parameters.latched_objects:
             latched = self.topics["objects"]._replace(durability=DurabilityPolicy.TRANSIENT_LOCAL)
             self.topics["objects"] = latched
@@ -306,10 +301,9 @@ class CollisionNode(ManagedNode):
         callbacks = {**self.inputs.callbacks(), "points": points}
         callbacks |= self.robots.callbacks(self.inputs)
         callbacks |= self.sources.callbacks(self.inputs)
-        if self.gate is not None:
-            for topic in self.gate_topics:
-                take = partial(self.gate.take, topic)
-                callbacks[topic] = self.inputs.guarded(topic, take, changes=False)
+        for topic in self.gate_topics:
+            take = partial(self._observe, topic)
+            callbacks[topic] = self.inputs.guarded(topic, take, changes=False)
         self.subscribed = Subscriptions(
             self, self.topics, callbacks, self.monitors, self._arrived, now
         )
@@ -335,6 +329,18 @@ class CollisionNode(ManagedNode):
             QosWatch(self, self.get_logger().warning),
             now,
         )
+
+    def _gate_topics(self) -> dict[str, Input]:
+        """Return the topics of the sensors of a gate, if there is one."""
+        if self.gate is None:
+            return {}
+        kinds = self.gate.prepare(self.topics, lambda: self.objects.max_points)
+        qos = SENSOR_DEPTH, ReliabilityPolicy.BEST_EFFORT
+        return {topic: Input(kind, *qos, is_query=True) for topic, kind in kinds.items()}
+
+    def _observe(self, topic: str, data: bytes, now: int) -> None:
+        if self.gate is not None:
+            self.gate.take(topic, data, now)
 
     def _begin_gate(self, gate: Gate) -> None:
         """Let a gate serve, and end that when the node is released."""

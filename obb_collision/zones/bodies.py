@@ -25,7 +25,6 @@ from obb_collision._jit import njit
 from obb_collision.typing import Floats, Rows
 from obb_collision.zones.outlines import (
     SLACK,
-    Outline,
     Twist,
     convex_outline,
     distance_to_edge,
@@ -168,8 +167,3 @@ def distances_at(
             out[n] = distance_between(body, corners)
         elif count > 0:
             out[n] = distance_between(body, origin) - radius
-
-
-def meets(body: Floats, outline: Outline) -> bool:
-    """Return whether a convex outline (n, 2) meets that of a zone."""
-    return bool(outlines_meet(body, *outline))

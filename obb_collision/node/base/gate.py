@@ -75,6 +75,8 @@ LOOK, BEAT = 0.02, 0.1
 OK, WARN, ERROR, STALE = (
     DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR, DiagnosticStatus.STALE
 )  # fmt: skip
+LARGEST = 1e12
+"""Of a component of a command: more may overflow."""
 FASTEST = 1e3
 """Metres: objects are looked for up to this far, however fast a command is."""
 
@@ -129,15 +131,7 @@ class Gate:
         """None while the node is not configured."""
         self.active, self.enabled = False, bool(parameters.enabled)
         self._stamped = bool(parameters.enable_stamped_cmd_vel)
-        kind = TwistStamped if self._stamped else Twist
         self._lock = threading.RLock()
-        self._out = node.create_publisher(kind, parameters.cmd_vel_out_topic, 1)
-        self._state = node.create_publisher(DiagnosticArray, "~/base_state", LATCHED)
-        self._nav2_state = None
-        if parameters.state_topic and StateMessage is not None:
-            self._nav2_state = node.create_publisher(StateMessage, parameters.state_topic, 1)
-        elif parameters.state_topic:
-            node.get_logger().warning("state_topic: nav2_msgs cannot be used, ~/base_state is")
         self._drawing = Drawing(node, parameters.base_frame_id)
         self._bond: Bond | None = None
         if bond.Status is not None and not parameters.autostart:
@@ -152,9 +146,23 @@ class Gate:
         self.text, self.values = "", dict[str, object]()
         """The last state."""
         self._ended = threading.Event()
-        self._in = node.create_subscription(kind, parameters.cmd_vel_in_topic, self._command, 1)
+        self._open()
         self._thread = threading.Thread(target=self._watch, name="base gate", daemon=True)
         self._thread.start()
+
+    def _open(self) -> None:
+        """Create publishers, and subscribe to commands."""
+        node, parameters = self._node, self._values
+        kind = TwistStamped if self._stamped else Twist
+        self._out = node.create_publisher(kind, parameters.cmd_vel_out_topic, 1)
+        self._state = node.create_publisher(DiagnosticArray, "~/base_state", LATCHED)
+        self._nav2_state = None
+        if parameters.state_topic and StateMessage is not None:
+            self._nav2_state = node.create_publisher(StateMessage, parameters.state_topic, 1)
+        elif parameters.state_topic:
+            node.get_logger().warning("state_topic: nav2_msgs cannot be used, ~/base_state is")
+        self._tell(None, Fault("unconfigured"))
+        node.create_subscription(kind, parameters.cmd_vel_in_topic, self._command, 1)
 
     @property
     def _given(self) -> GateParameters:
@@ -309,8 +317,8 @@ class Gate:
     def decision(self, twist: Twist, strict: bool) -> tuple[Decision | None, Fault]:
         """Return the answer, or None and why nothing can be said."""
         parts = [getattr(side, axis) for side in (twist.linear, twist.angular) for axis in "xyz"]
-        if not all(map(math.isfinite, parts)):
-            return None, Fault("command_invalid", detail="not finite")
+        if not all(abs(part) <= LARGEST for part in parts):
+            return None, Fault("command_invalid", detail="not finite, or too large")
         view = self._view
         if view is None or not self.active:
             return None, Fault("inactive" if view else "unconfigured")
@@ -410,7 +418,8 @@ class Gate:
         name, action = INVALID_SOURCE, STOP
         if decision is not None:
             name, action = decision.zone, decision.action
-        if self._nav2_state is not None and self.enabled and name != self._zone:
+        is_new = self.enabled and self.active and name != self._zone
+        if self._nav2_state is not None and is_new:
             number = ACTIONS.index(action)
             self._nav2_state.publish(StateMessage(action_type=number, polygon_name=name))
         self._zone = name

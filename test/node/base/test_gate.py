@@ -217,7 +217,7 @@ def rig_scan(rig: BaseRig, ranges: Any, **fields: Any) -> Any:
 
 def test_a_command_that_is_no_number_is_zero(rig: BaseRig) -> None:
     for name in ("linear_x", "linear_z", "angular_y"):
-        for value in (np.nan, np.inf):
+        for value in (np.nan, np.inf, 1e200):
             (safe,) = rig.order(**{name: value})
             assert (safe.linear.x, safe.linear.y, safe.angular.z) == ZERO
     rig.says_state(reason="command_invalid")
@@ -404,6 +404,18 @@ def test_as_nav2_it_is_silent_in_other_states_and_a_bad_zone_leaves_it_unconfigu
         rig.wait_sensors()
         rig.see_points((5.0, 0.0))
         assert rig.answer_to(*GO) == GO
+
+
+def test_a_source_that_is_killed_stops_within_its_limit() -> None:
+    source = SCAN | {"source_timeout": 0.3}
+    with BaseRig({"Stop": zone("stop")}, {"front": source}) as rig:
+        rig.see_points((5.0, 0.0))
+        last = time.monotonic()
+        assert rig.answer_to(*GO) == GO
+        while rig.answer_to(*GO) == GO:
+            went_on = time.monotonic()
+        assert went_on - last < 0.3 + 0.2
+        rig.says_state(reason="stale", who="front")
 
 
 def test_the_first_invalid_source_counts_and_those_without_a_limit_do_not() -> None:

@@ -150,6 +150,14 @@ def test_with_tf2_poses_are_placed_at_their_stamp_or_by_the_last_transform(tf2_r
         assert rig.pose_of(B1)[0] == 3.5, "not locked: stays where it was placed"
 
 
+def test_with_tf2_poses_are_also_found_in_other_frames(tf2_ros: Any) -> None:
+    with Rig(tf2=True) as rig:
+        set_transform(rig, 2.0, rig.stamp, "base", of="odom")
+        set_transform(rig, 4.0, rig.stamp + 2_000_000, "base", of="odom")
+        lookup = frames_of_node.lookup_in(rig.node.frames, FRAME, "odom")
+        assert [lookup("base", at)[0][0] for at in (0, rig.stamp + 1_000_000)] == [4.0, 3.0]
+
+
 def test_with_tf2_the_latest_transform_has_its_stamp_and_static_ones_none(tf2_ros: Any) -> None:
     with Rig(tf2=True) as rig:
         set_transform(rig, 2.0, rig.stamp)
