@@ -20,7 +20,7 @@ import os
 from collections.abc import Sequence
 from contextlib import closing
 from functools import partial
-from math import nan
+from math import isnan, nan
 from pathlib import Path
 from statistics import median
 from struct import pack
@@ -70,7 +70,7 @@ REACH = 0.1
 PATIENCE = 120.0
 """Seconds until the node knows robot and boxes, and for an answer."""
 ALLOCATOR = {"MALLOC_MMAP_THRESHOLD_": str(2**25), "MALLOC_TRIM_THRESHOLD_": str(2**26)}
-"""What glibc sets itself once large blocks come and go, unless it is told otherwise."""
+"""As ``keep_freed_memory`` has it in a node; what ``Child`` sets for attacks would prevent that."""
 ASKING = 0.5
 """Seconds after which a node that has just started is asked again."""
 
@@ -211,7 +211,7 @@ SHOWN, HIDDEN = 0.6, 1.0
 """For how long the hand is seen, and then not (s)."""
 SWING = 0.002
 """By how much of a joint's range the robot moves about the middle, either way."""
-SETTLING = 3.0
+SETTLING = 3.2
 """Seconds that do not count."""
 STAMP = slice(4, 12)
 """Bytes of a serialised message that are its stamp."""
@@ -269,12 +269,14 @@ class Watched(Asked):
         qos = QoSProfile(depth=5, reliability=ReliabilityPolicy[sent.upper()])
         self._camera = self._client.node.create_publisher(PointCloud2, CAMERA, qos)
         self._client.node.create_subscription(Float64, SPEED, self._take_scale, 10)
-        self._scale, self._stopped, self._frame = nan, 0.0, frame
+        self._scale, self._frame, self._shown = nan, frame, 0.0
+        self._stops: list[float] = []
+        """Seconds from the first cloud with a hand to the stop, of each hand; NaN: no stop."""
 
     def _take_scale(self, message: Float64) -> None:
         before, self._scale = self._scale, message.data
-        if self._scale == 0.0 < before:
-            self._stopped = time()
+        if self._scale == 0.0 < before and self._stops and isnan(self._stops[-1]):
+            self._stops[-1] = time() - self._shown
 
     def tell(self, state: Floats) -> None:
         """Say where the joints are, and what the camera sees."""
@@ -293,42 +295,47 @@ class Watched(Asked):
         place = self._robot.link_poses(middle[None])[0, -1, :3]
         aside = place * (1.0, 1.0, 0.0) / np.linalg.norm(place[:2])
         frames = self._frame, frame_of(self._robot, middle, place + BESIDE * aside)
-        stops: list[float] = []
-        start = perf_counter()
-        due, due_joints, hand, shown, sent = start, start, False, 0.0, 0
-        before: tuple[float, ...] = ()
-        while (now := perf_counter()) < start + SETTLING + seconds:
-            if not before and now > start + SETTLING:
-                before, sent, stops = self._figures(), 0, []
-                begun = now
-            if now >= due_joints:
-                due_joints += 1.0 / JOINT_RATE
-                turn = now - start
-                self.move(middle + swing * np.sin(turn), time_ns(), swing * np.cos(turn))
-            if now >= due:
-                due += 1.0 / RATE
-                phase = (now - start) % (SHOWN + HIDDEN) > HIDDEN
-                stamp = self.see(frames[phase])
-                sent += 1
-                if phase and not hand:
-                    shown, self._stopped = stamp, 0.0
-                hand = phase
-            if shown and self._stopped > shown:
-                stops, shown = [*stops, self._stopped - shown], 0.0
-            self._client.spin(max(0.0, min(due, due_joints) - perf_counter()))
-        took = perf_counter() - begun
+        self._move_and_see(middle, swing, frames, SETTLING)
+        self._stops.clear()
+        before, start = self._figures(), perf_counter()
+        sent = self._move_and_see(middle, swing, frames, seconds)
+        took = perf_counter() - start
         names = "received", "superseded", "lost", "cycles", "late cycles", "cpu"
         spent = dict(zip(names, np.subtract(self._figures(), before).tolist(), strict=True))
         share = spent.pop("cpu") / took
+        stops = [1e3 * stop for stop in self._stops if not isnan(stop)]
         if not stops:
             raise FoundError(f"the robot did not stop before a hand: {self._client.status()}")
-        figures = {"sent": sent, **{name: round(value) for name, value in spent.items()}}
-        times = {"hand to stop (ms)": median(stops), "longest": max(stops)}
         return {
-            **figures,
+            "sent": sent,
+            **{name: round(value) for name, value in spent.items()},
             "share of a core": f"{share:.0%}",
-            **{name: round(1e3 * value) for name, value in times.items()},
+            "stops": f"{len(stops)} of {len(self._stops)}",
+            "hand to stop (ms)": round(median(stops)),
+            "longest": round(max(stops)),
         }
+
+    def _move_and_see(
+        self, middle: Floats, swing: Floats, frames: Sequence[bytearray], seconds: float
+    ) -> int:
+        """Publish joints and frames, without a hand and then with one; return how many frames."""
+        due = due_joints = start = perf_counter()
+        sent, hand = 0, 0
+        while (now := perf_counter()) < start + seconds:
+            turn = now - start
+            if now >= due_joints:
+                due_joints += 1.0 / JOINT_RATE
+                self.move(middle + swing * np.sin(turn), time_ns(), swing * np.cos(turn))
+            if now >= due:
+                due += 1.0 / RATE
+                before, hand = hand, int(turn % (HIDDEN + SHOWN) > HIDDEN)
+                stamp = self.see(frames[hand])
+                sent += 1
+                if hand > before:
+                    self._shown = stamp
+                    self._stops.append(nan)
+            self._client.spin(max(0.0, min(due, due_joints) - perf_counter()))
+        return sent
 
     def _figures(self) -> tuple[float, ...]:
         """Return counts of the camera and of cycles so far, and the processor time (s)."""
