@@ -41,7 +41,7 @@ LENGTH, PADDING = 0.3, 0.02
 #: Of the frame: range and voxel that the node cuts to, metres.
 RANGE, VOXEL = 2.5, 0.01
 #: Where a box lies in the points of the desk.
-ON_DESK = (0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+ON_DESK = (0.5, 0.0, -0.02, 0.0, 0.0, 0.0, 1.0)
 #: Edge of cells of which one point stays, metres.
 THIN = 0.012
 

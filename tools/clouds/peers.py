@@ -14,7 +14,7 @@
 
 """Peers that look for points in spheres of a robot: crate capt in Rust, and SciPy's k-d tree.
 
-They get 59 spheres that cover the hulls of the robot, already placed. capt computes in single
+They get 59 spheres that cover the hulls of links, already placed. capt computes in single
 precision; cargo compiles it here.
 """
 
@@ -53,13 +53,15 @@ class Figures(NamedTuple):
 def spheres_of(robot: Robot) -> tuple[Floats, Floats, Floats]:
     """Return links (s,), centres (s, 3) in their frames and radii of spheres that cover a robot.
 
+    Without its root, whose spheres would meet the desk in every state.
+
     The surface of each hull is cut into clusters, as many as it is long.
     """
     weights = np.random.default_rng(0).dirichlet((1.0, 1.0, 1.0), ON_FACES)
     weights = np.concatenate([np.eye(3), weights])
     parts = []
     for link, placed in enumerate(robot.shapes):
-        for shape, pose in placed:
+        for shape, pose in placed if robot.tree.parents[link] >= 0 else ():
             (position,), (turn,) = as_poses(np.asarray(pose)[None])
             hull = ConvexHull(points_of(shape))
             on_it = np.einsum("wk,fkj->wfj", weights, hull.points[hull.simplices]).reshape(-1, 3)

@@ -14,8 +14,8 @@
 
 """A made room that sensors see: what is in it, rays that meet it, a cloud and a frame of it.
 
-A robot stands at the origin beside a desk, shelves and the hand of a person, in a room of 3.5 by
-3.6 by 2.9 m. All is made of convex solids, which rays meet by formulas of planes.
+A robot stands at the origin, 2 cm above a desk, beside shelves and the hand of a person, in a room
+of 3.5 by 3.6 by 2.9 m. All is made of convex solids, which rays meet by formulas of planes.
 """
 
 from __future__ import annotations
@@ -52,12 +52,8 @@ SIDES = [
     *(((3.5, 3.6, 0.1), (0.35, 0.0, z)) for z in (-0.85, 2.15)),
 ]
 FURNITURE = [
-    ((0.7, 1.2, 0.04), (0.65, -0.1, -0.02)),
-    *(
-        ((0.05, 0.05, 0.76), (0.65 + x, -0.1 + y, -0.42))
-        for x in (-0.3, 0.3)
-        for y in (-0.55, 0.55)
-    ),
+    ((1.4, 1.2, 0.04), (0.35, -0.1, -0.04)),
+    *(((0.05, 0.05, 0.74), (0.35 + x, y, -0.43)) for x in (-0.6, 0.6) for y in (-0.6, 0.4)),
     *(((0.9, 0.3, 0.02), (0.2, 0.9, z)) for z in (0.0, 0.4, 0.8, 1.2)),
     *(((0.02, 0.3, 2.0), (x, 0.9, 0.2)) for x in (-0.26, 0.66)),
 ]
