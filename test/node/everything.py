@@ -45,7 +45,8 @@ from obb_collision.node.topics.topics import TOPICS
 RATE = 200.0
 MANY = 70
 """Objects: enough for the incremental ways, and for the scene to grow."""
-BUILT = (Marker.TRIANGLE_LIST, Marker.CUBE_LIST, Marker.LINE_LIST)
+BUILT = (Marker.TRIANGLE_LIST, Marker.LINE_LIST)
+LISTS = (Marker.CUBE_LIST, Marker.SPHERE_LIST)
 CORNERS = ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 FACES = (0, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2, 3)
 SHOWN = ("text", "markers", "diagnostics")
@@ -104,14 +105,14 @@ def marker(kind: int, number: int) -> Marker:
     """Return a marker of a kind beside the others, so that neighbours overlap."""
     made = cube((str(kind), number), (0.4 * number, 0.1 * kind, 0.0), (0.5, 0.4, 0.3))
     made.type = kind
-    if kind in BUILT:
+    if kind in BUILT + LISTS:
         made.points = [Point(x=x, y=y, z=z) for x, y, z in (CORNERS[row] for row in FACES)]
     return made
 
 
 def objects() -> list[Marker]:
     """Return objects of every kind that the levels tell apart, and enough of them."""
-    kinds = (Marker.CUBE, Marker.SPHERE, Marker.CYLINDER, Marker.ARROW, *BUILT)
+    kinds = (Marker.CUBE, Marker.SPHERE, Marker.CYLINDER, Marker.ARROW, *BUILT, *LISTS)
     few = [marker(kind, number) for kind in kinds for number in range(3)]
     return few + [cube(("many", n), (0.9 * n, 5.0, 0.0)) for n in range(MANY)]
 
