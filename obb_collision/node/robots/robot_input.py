@@ -32,6 +32,7 @@ from obb_collision.node.messages.conversions import NANOSECONDS, stamp_from_ros,
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.objects.objects import Objects
 from obb_collision.node.objects.states import OLDER, State
+from obb_collision.node.objects.table import NO_TIME
 from obb_collision.node.parameters.entries import BY_TOPIC, Base
 from obb_collision.node.robots.joints import Joints, Timestamps, joints_from_bytes, text_from_bytes
 from obb_collision.node.robots.links import NONE_ATTACHED, AttachedObjects, LinkObjects
@@ -245,10 +246,26 @@ class RobotInput:
 
     def _is_old(self, since: int, now: int, repeated: bool) -> bool:
         """Return whether what the base goes by is older (ns) than the age limit of its name."""
+        return 0.0 < self._base_limit(repeated) * NANOSECONDS < now - since
+
+    def _base_limit(self, repeated: bool) -> float:
+        """Return the age limit of the base (s), 0 for none; repeated: whether it came again."""
         limits = self._objects.staleness.limits
         own = limits.timeouts.value(self.name)
-        most = own if own is not None else limits.timeout if repeated else 0.0
-        return 0.0 < most * NANOSECONDS < now - since
+        return own if own is not None else limits.timeout if repeated else 0.0
+
+    def known_until(self, joint_timeout: float) -> int:
+        """Return up to when (ns) the state is known, by the oldest of joints and base that age.
+
+        NO_TIME where none does.
+        """
+        assert self.joints is not None
+        times = [NO_TIME]
+        if joint_timeout > 0.0:
+            times.append(int(self.joints.since.min(initial=NO_TIME)))
+        if self.base.frame == BY_TOPIC and self._base_limit(bool(self._bases.repeated[0])) > 0.0:
+            times.append(int(self._bases.since[0]))
+        return min(times)
 
     def transform_fault(self, stamp: int, now: int) -> str:
         """Return why the base's transform of a stamp (ns) is stale, "" if it is not."""

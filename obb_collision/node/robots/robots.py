@@ -33,7 +33,6 @@ from obb_collision.node.inputs.inputs import Inputs
 from obb_collision.node.inputs.subscriptions import Input
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.objects.objects import Objects
-from obb_collision.node.objects.table import NO_TIME
 from obb_collision.node.parameters.parameters import Parameters
 from obb_collision.node.robots.checked_robot import CheckedRobot, LinkFrames, find_attached
 from obb_collision.node.robots.links import NONE_ATTACHED
@@ -285,14 +284,13 @@ class Robots:
     def parts(self, name: str) -> tuple[Rows, int]:
         """Return the slots of a robot's links and attached objects, and up to when they are known.
 
-        By the oldest joint (ns); NO_TIME where joints do not age. RefusedError while it is unknown.
+        In ns, as ``RobotInput.known_until``. RefusedError while the robot is unknown.
         """
         (robot,) = (robot for robot in self.robots if robot.name == name)
         if robot.faults or robot.links is None or robot.joints is None:
             raise RefusedError(ROBOT_NOT_KNOWN, f"{name}: {robot.fault}")
         slots = np.concatenate([robot.links.slots, robot.attached.slots])
-        ages = self._parameters.joint_timeout > 0.0
-        return slots, int(robot.joints.since.min(initial=NO_TIME)) if ages else NO_TIME
+        return slots, robot.known_until(self._parameters.joint_timeout)
 
     def stop(self) -> None:
         """Stop what runs, and forward no more; also from another thread, and again."""

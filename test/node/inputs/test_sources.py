@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import gc
 import tracemalloc
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -49,8 +49,10 @@ NOTHING = {"invalid": 0, "out of range": 0, "out of height": 0}
 class ArmRig(Sensing, RobotRig):
     """A node with the robot ``arm`` and the sensor ``front``."""
 
-    def __init__(self, frames: Any = None, **sensor: Any) -> None:
-        given = parameters_of({"front": sensor}) | {"joint_timeout": 100.0}
+    def __init__(
+        self, frames: Any = None, more: Mapping[str, Any] | None = None, **sensor: Any
+    ) -> None:
+        given = parameters_of({"front": sensor}) | {"joint_timeout": 100.0} | dict(more or {})
         super().__init__(given=given, frames=frames, transform_timeout=1.0)
         self.start_sensors({"front": sensor})
 
@@ -425,6 +427,21 @@ def test_points_wait_for_the_state_of_the_robot(words: list[str], frames: Any) -
         rig.move(turn=0.1)
         rig.see_at(rig.stamp, hand(0.1))
         rig.known()
+
+
+def test_points_wait_for_a_base_that_moves_by_its_topic() -> None:
+    more = {"robot_bases": ["arm: object_transform"], "object_timeout": 100.0}
+    with ArmRig(more=more, leave_out=["arm"]) as rig:
+        rig.read()
+        for x in (0.0, 0.5):
+            rig.send_transform("arm", pose(x))
+            rig.move(turn=0.0)
+        rig.see(points=[[1.6, 0, 0.5], [1.5, 0, 0.5]])
+        rig.send_joints(turn=0.0, lift=0.0)
+        rig.cycles(3)
+        assert "left out" not in rig.cut(), "the base at the stamp is not known"
+        rig.send_transform("arm", pose(0.6))
+        rig.until(lambda: rig.cut().get("left out") == 2)
 
 
 def test_what_a_robot_carries_is_left_out_with_it() -> None:
