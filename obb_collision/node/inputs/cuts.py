@@ -23,9 +23,12 @@ import numpy as np
 import numpy.typing as npt
 
 from obb_collision._jit import njit
+from obb_collision.geometry.boxes import Boxes
 from obb_collision.geometry.poses import IDENTITY_POSE, as_poses
 from obb_collision.geometry.values import read_only_view
 from obb_collision.node.messages.errors import RefusedError
+from obb_collision.queries.rays.hidden import add_hidden
+from obb_collision.scene.refinement.bodies import box_bodies
 from obb_collision.scene.scene import Scene
 from obb_collision.shapes import Box, Cloud
 from obb_collision.typing import Floats, Rows
@@ -198,13 +201,16 @@ def thin_kernel(
 
 
 def compile_kernels() -> None:
-    """Compile the kernels of sources: cut points of both types, and check a cloud."""
+    """Compile the kernels of sources: cut points of both types, shadows, and check a cloud."""
     scene = Scene()
     scene.add("box", Box((1.0, 1.0, 1.0)))
     for kind in (np.float32, np.float64):
         here = np.array(IDENTITY_POSE)
         points, _ = select(np.zeros((2, 3), kind), Limits().seen_from(here, here))
         thin_out(placed_points(points, here), 0.1)
+    boxes = Boxes(np.zeros((1, 3)), [np.eye(3)], np.ones((1, 3)))
+    bodies = box_bodies(boxes, np.arange(1))
+    add_hidden(np.zeros(2, np.bool_), np.full(3, 2.0), points, boxes, bodies, 0.1)
     for number in range(3):  # two clouds are no pair, and a change merges pairs
         scene.add(str(number % 2), Cloud(points, 0.1 + number))
         scene.check("separations")

@@ -92,12 +92,12 @@ def add_hidden(
     spheres[3, 1:] = lengths(boxes.half_extents[rows]) * (1.0 + END_BOUND) + grown
     spheres[3, 0] = (lengths(centers - spheres[:3, 0]) + spheres[3, 1:]).max()
     spheres[3] += END_BOUND * (np.abs(centers).sum(axis=1).max() + spheres[3])
-    starts = range(0, len(points), CHUNK)
+    starts, eye = range(0, len(points), CHUNK), np.array(sensor)
 
     def look(n: int) -> None:
         rows = slice(starts[n], starts[n] + CHUNK)
         part = np.array(points[rows], np.float64, order="C")  # one type
-        hidden_kernel(sensor, part, spheres, cores, out[rows])
+        hidden_kernel(eye, part, spheres, cores, out[rows])
 
     run_parts(look, len(starts))
 
