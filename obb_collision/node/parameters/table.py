@@ -60,6 +60,13 @@ def _limit_from_text(text: str) -> tuple[str, float]:
     return read_override(text, "0.5", _seconds)
 
 
+def _deceleration_from_text(text: str) -> tuple[str, float]:
+    where, value = read_override(text, "5.0", float)
+    if not 0.0 < value < float("inf"):
+        raise ValueError(f"a deceleration must be positive and finite, got {value:g}")
+    return where, value
+
+
 def _policy_from_text(text: str) -> tuple[str, str]:
     where, policy = read_override(text, POLICIES[0], str)
     if policy not in POLICIES:
@@ -230,20 +237,26 @@ ROBOTS = (
     Spec("state_validity_distance", 0.0, (0.0, 1.0e6)).means(
         "Maximum distance that ROBOT/state_validity measures (m). 0: distances are not measured."
     ),
+    Spec("joint_decelerations", [""], entry=_deceleration_from_text, most=MAX_OVERRIDES).means(
+        "Decelerations at which joints can stop (rad/s^2 or m/s^2): 'arm/*: 5.0' by name "
+        "ROBOT/JOINT or pattern. The last match counts. If all joints of a robot have one and a "
+        "velocity limit, speed_scale goes by direction, and stops of trajectories brake."
+    ),
     Spec("speed_stop_distance", 0.05, (0.0, 1.0e6)).means(
-        "Distance from objects at which ROBOT/speed_scale is 0 (m)."
+        "Distance from objects at which ROBOT/speed_scale is 0 (m), but by direction not for what "
+        "opens."
     ),
     Spec("speed_slow_distance", 0.5, (0.001, 1.0e6)).means(
-        "Distance from objects beyond which ROBOT/speed_scale is 1 (m). It must exceed "
-        "speed_stop_distance."
+        "Distance from objects beyond which ROBOT/speed_scale is 1 (m), if it does not go by "
+        "direction. It must exceed speed_stop_distance."
     ),
     Spec("speed_still_pairs", False).means(
         "Whether ROBOT/speed_scale includes still objects near links that no joint moves, such as "
         "a table under the base."
     ),
     Spec("speed_reaction_time", 0.2, (0.0, 3600.0)).means(
-        "Reaction time (s). speed_stop_distance and speed_slow_distance grow by the distance that "
-        "robot and objects can approach in it."
+        "Reaction time (s): from the measurement of the joints until they follow a new "
+        "ROBOT/speed_scale. Distances grow by what robot and objects can approach in it."
     ),
     Spec("trajectory_start_tolerance", 0.01, (0.0, 1000.0)).means(
         "Maximum deviation of a joint (rad or m): from the start of a trajectory, from its "

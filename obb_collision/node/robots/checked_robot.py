@@ -21,6 +21,7 @@ placed in each cycle where their link is; in checks of states of the robot they 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from time import monotonic
 from typing import NamedTuple
 
@@ -28,6 +29,7 @@ import numpy as np
 
 from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.poses import compose_poses
+from obb_collision.node.diagnostics.answer import first_names
 from obb_collision.node.messages.conversions import name_from_key, unusable_poses
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.objects.frames import LINK_NOT_KNOWN, FrameSource
@@ -37,8 +39,14 @@ from obb_collision.node.robots.joints import Joints
 from obb_collision.node.robots.links import AttachedObjects, LinkObjects
 from obb_collision.node.robots.robot_input import RobotInput
 from obb_collision.robots.checks.bodies import WorldState
+from obb_collision.robots.checks.distances import distance_rates, state_distances
+from obb_collision.robots.checks.model import Prepared
+from obb_collision.robots.checks.motions import check_motions
+from obb_collision.robots.checks.states import check_states
+from obb_collision.robots.kinematics.kinematics import PLANAR
 from obb_collision.robots.robot import Robot
-from obb_collision.robots.robot_scene import RobotScene
+from obb_collision.robots.robot_scene import DEFAULT_RESOLUTION, RobotScene
+from obb_collision.scene.store.patterns import Overrides
 from obb_collision.typing import Floats, Rows
 
 SCENE_NOT_KNOWN = "scene not known"
@@ -60,6 +68,67 @@ class NodeRobotScene(RobotScene):
     """Robots in the node's scene; doubts are published."""
 
     warns = False
+    still_pairs = False
+    """Whether pairs count for speeds whose distance nothing changes, see ``standing``."""
+
+    @property
+    def _outer(self) -> Prepared:
+        """The pairs with the world that count for speeds."""
+        still = self.still_pairs
+        made = self._prepared if still else self._prepared.without_still_pairs(self.standing)
+        return made.without_self_pairs
+
+    def least_distance(self, state: Floats, limit: float) -> float:
+        """Return the least distance in a state (1, joints), infinite beyond a limit."""
+        asked = state, limit, False, False, False
+        found = state_distances(self._outer, self.accuracy, *asked)
+        return float(found.distances[0])
+
+    def is_near(self, state: Floats) -> bool:
+        """Return whether a pair that counts collides in a state (1, joints)."""
+        return bool(check_states(self._outer, self.accuracy, state, False).colliding[0])
+
+    def free_share(self, start: Floats, end: Floats) -> float:
+        """Return up to which share a motion between states (1, joints) is certainly free."""
+        asked = self._outer, self.accuracy, start, end, DEFAULT_RESOLUTION
+        if not check_motions(*asked, first=False).colliding[0]:
+            return 1.0
+        found = check_motions(*asked, first=True)
+        return float(found.fractions[0]) if found.colliding[0] else 1.0
+
+    def rates(
+        self, state: Floats, velocities: Floats, limit: float, slots: Rows | None = None
+    ) -> tuple[Floats, Rows, Floats]:
+        """Return distances (m,), slots (m,) of objects, and ``distance_rates`` (m,).
+
+        slots: of the objects that count, None for all.
+        """
+        outer = self._outer
+        world, checked = outer.world.slots, outer.checked
+        if slots is not None:
+            tests = checked.tests
+            allowed = np.repeat(~np.isin(world, slots)[None], tests.first, axis=0)
+            if len(tests.allowed):
+                allowed |= tests.allowed
+            tests = tests._replace(allowed=allowed)
+            outer = replace(outer, checked=checked._replace(tests=tests))
+        near = distance_rates(outer, self.accuracy, state, velocities, limit)
+        return near[0], world[near[1][:, 1] - len(outer.names) + len(world)], near[2]
+
+
+class Stopping(NamedTuple):
+    """How a robot can stop.
+
+    speeds, decelerations (joints,): at most; lacking: what is not known, "" if all is.
+    """
+
+    speeds: Floats
+    decelerations: Floats
+    lacking: str = ""
+
+    def time(self, velocities: Floats) -> float:
+        """Return the time (s) in which all joints can stop together from velocities (joints,)."""
+        return float((np.abs(velocities) / self.decelerations).max(initial=0.0))
 
 
 def portions(count: int, quick: float) -> Iterator[slice]:
@@ -90,6 +159,7 @@ class CheckedRobot:
         self.input, self.objects, self._frames = robot, objects, frames
         self.parameters, self.clock, self._not_known = parameters, clock, not_known
         self._made: dict[float, tuple[Robot, dict[str, Attachment], NodeRobotScene]] = {}
+        self._stopping: tuple[Joints, list[tuple[str, float]], Stopping] | None = None
 
     @property
     def links(self) -> LinkObjects:
@@ -110,7 +180,29 @@ class CheckedRobot:
             raise RefusedError(SCENE_NOT_KNOWN, f"robot {self.input.name}: {self.input.fault}")
         return self.input.joints
 
-    def scene(self, padding: float = 0.0) -> RobotScene:
+    @property
+    def stopping(self) -> Stopping:
+        """How the robot can stop; RefusedError without a description."""
+        joints, given = self.joints, self.parameters.joint_decelerations
+        if self._stopping is None or self._stopping[:2] != (joints, given):
+            values = Overrides(given)
+            found = [values.value(f"{self.input.name}/{name}") for name in joints.names]
+            decelerations = np.array([np.nan if v is None else v for v in found])
+            lacking = ""
+            for rows, what in (
+                (np.isnan(decelerations), "joint_decelerations"),
+                (np.isinf(joints.speed_limits), "a velocity limit"),
+            ):
+                names = [joints.names[row] for row in np.flatnonzero(rows)]
+                if names and not lacking:
+                    lacking = f"joints without {what}: {first_names(names, len(names))}"
+            if (self.robot.tree.kinds >= PLANAR).any():
+                lacking = "planar or floating joints"
+            stopping = Stopping(joints.speed_limits, decelerations, lacking)
+            self._stopping = joints, given, stopping
+        return self._stopping[2]
+
+    def scene(self, padding: float = 0.0) -> NodeRobotScene:
         """Return the scene that checks states as things are; RefusedError where those are unknown.
 
         padding: metres by which links are grown.
@@ -118,6 +210,10 @@ class CheckedRobot:
         unknown = self._not_known()
         if unknown:
             raise RefusedError(SCENE_NOT_KNOWN, unknown)
+        return self.grown(padding)
+
+    def grown(self, padding: float) -> NodeRobotScene:
+        """Return the scene as ``scene`` does, right after another one was returned."""
         robot, base = self.robot, self._base()
         made = self._made.get(padding)
         if made is None or made[0] is not robot:

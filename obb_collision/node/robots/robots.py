@@ -43,15 +43,15 @@ from obb_collision.node.robots.robot_input import (
     SEMANTIC,
     RobotInput,
 )
+from obb_collision.node.robots.speed import SPEED_SCALING_FACTOR, SpeedScale, SpeedScalingFactor
 from obb_collision.node.robots.trajectories import Trajectories
 from obb_collision.node.robots.validity import (
     SERVICE,
     ServiceType,
-    SpeedScale,
     StateService,
     ValidityTopics,
 )
-from obb_collision.node.topics.cloud import LATCHED, Topic
+from obb_collision.node.topics.cloud import LATCHED, RELIABLE, Topic
 from obb_collision.scene.store.allowed import AllowedMatrix
 from obb_collision.scene_files.mesh_files import MeshReading
 from obb_collision.typing import Rows
@@ -60,6 +60,7 @@ STATES_TO_CHECK, STATE_VALIDITY = "states_to_check", "state_validity"
 SPEED_SCALE = "speed_scale"
 TRAJECTORY_IN, TRAJECTORY_OUT = "trajectory_in", "trajectory_out"
 TRAJECTORY_STATUS = "trajectory_status"
+JOG_IN = "jog_in"
 KINDS = {
     DESCRIPTION: Input(String, 1, durability=LATCHED.durability, meaning="The URDF."),
     SEMANTIC: Input(String, 1, durability=LATCHED.durability, meaning="The SRDF, if there is one."),
@@ -79,6 +80,12 @@ KINDS = {
     ),
     TRAJECTORY_IN: Input(
         JointTrajectory, 10, is_query=True, meaning="A trajectory to forward if it is free."
+    ),
+    JOG_IN: Input(
+        JointTrajectory,
+        1,
+        is_query=True,
+        meaning="The jog that speed_scale scales: velocities of the first point, before scaling.",
     ),
 }
 """The input topics of each robot, after its name and a slash."""
@@ -126,6 +133,7 @@ class RobotAnswers:
 
     def __init__(self, node: Node, undo: ExitStack, checked: CheckedRobot) -> None:
         self.checked, name = checked, checked.input.name
+        self._log, self._told = node.get_logger().info, object()
         self.publishers = {
             topic.name: make_publisher(node, topic.message, f"{name}/{topic.name}", topic.qos)
             for topic in OUTPUTS
@@ -138,11 +146,28 @@ class RobotAnswers:
         self.validity = ValidityTopics(checked, self.publishers[STATE_VALIDITY])
         ends = self.publishers[TRAJECTORY_OUT], self.publishers[TRAJECTORY_STATUS]
         self.trajectories = Trajectories(checked, *ends, wanted)
-        self.speed = SpeedScale(checked, self.publishers[SPEED_SCALE])
+        factor = None
+        if SpeedScalingFactor is not None:
+            topic = f"{name}/{SPEED_SCALING_FACTOR}"
+            factor = make_publisher(node, SpeedScalingFactor, topic, RELIABLE)
+            undo.callback(node.destroy_publisher, factor)
+        self.speed = SpeedScale(checked, self.publishers[SPEED_SCALE], factor)
         if ServiceType is not None:
             answer = StateService(checked, asked).answer
             service = node.create_service(ServiceType, f"{name}/{SERVICE}", answer)
             undo.callback(node.destroy_service, service)
+
+    def tell_stopping(self) -> None:
+        """Log how the robot is slowed and stopped, at the start and after changes."""
+        if self.checked.input.joints is None or self.checked.stopping is self._told:
+            return
+        self._told = stopping = self.checked.stopping
+        how = f"within {stopping.time(stopping.speeds):.3g} s: speed_scale goes by direction, and "
+        how += "stops of trajectories brake along them"
+        if stopping.lacking:
+            how = "in an unknown time: speed_scale goes by distance, and stops of trajectories "
+            how += f"hold the latest position ({stopping.lacking})"
+        self._log(f"robot {self.checked.input.name} stops {how}")
 
 
 class Robots:
@@ -193,6 +218,7 @@ class Robots:
                 JOINT_STATES: robot.store_joints,
                 STATES_TO_CHECK: answers.validity.answer,
                 TRAJECTORY_IN: answers.trajectories.receive,
+                JOG_IN: answers.speed.jog.receive,
             }
             for kind, take in takes.items():
                 topic, changes = f"{robot.name}/{kind}", not KINDS[kind].is_query
@@ -231,6 +257,7 @@ class Robots:
         finally:
             for answers in self.answers:
                 answers.speed.publish()
+                answers.tell_stopping()
 
     def _matrix(self) -> AllowedMatrix:
         """Return which links and attached objects may touch."""

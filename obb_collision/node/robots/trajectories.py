@@ -75,8 +75,8 @@ class Trajectory(NamedTuple):
     points: list[Point]
 
 
-def trajectory_from_bytes(data: bytes) -> Trajectory:
-    """Return the trajectory in a serialised JointTrajectory.
+def trajectory_from_bytes(data: bytes, is_jog: bool = False) -> Trajectory:
+    """Return the trajectory in a serialised JointTrajectory; positions of a jog do not matter.
 
     Raises RefusedError: "malformed message", "too many pieces" for more points than pieces are
     checked, and "bad point" for one that makes no sense.
@@ -89,6 +89,8 @@ def trajectory_from_bytes(data: bytes) -> Trajectory:
     points = [_point(reader) for _ in range(count)]
     reader.end()
     for number, point in enumerate(points):
+        if is_jog:
+            point = point._replace(positions=np.zeros(len(names)))
         _check(point, len(names), f"point {number}")
         if number and point.time <= points[number - 1].time:
             raise RefusedError(BAD_POINT, f"point {number}: its time does not increase")

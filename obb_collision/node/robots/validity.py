@@ -12,12 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Answers about states of a robot: by topic, by MoveIt's service, and how fast it may move.
+"""Answers about states of a robot: by topic, and by MoveIt's service.
 
-``states_to_check`` in, ``state_validity`` out; GetStateValidity, where moveit_msgs is installed;
-``speed_scale``, 1 far from everything, 0 near or not known: separation monitoring, and not a
-certified safety function. States are checked as they come, in the scene as the last cycle has left
-it. Whatever is not known makes them invalid.
+``states_to_check`` in, ``state_validity`` out; GetStateValidity, where moveit_msgs is installed.
+States are checked as they come, in the scene as the last cycle has left it. Whatever is not known
+makes them invalid.
 """
 
 from __future__ import annotations
@@ -28,9 +27,7 @@ from typing import Any
 
 import numpy as np
 from rclpy.publisher import Publisher
-from std_msgs.msg import Float64
 
-from obb_collision.node.diagnostics.answer import first_names
 from obb_collision.node.diagnostics.monitors import InputMonitor
 from obb_collision.node.inputs.inputs import LENGTHS_DIFFER
 from obb_collision.node.messages.cdr import CloudMessage, cloud_from_bytes
@@ -47,12 +44,11 @@ from obb_collision.node.messages.conversions import (
 from obb_collision.node.messages.errors import RefusedError
 from obb_collision.node.messages.names import namespace_number, shortened
 from obb_collision.node.messages.optional import optional
-from obb_collision.node.objects.states import State
 from obb_collision.node.robots.checked_robot import CheckedRobot, portions
 from obb_collision.node.runtime.guard import INTERNAL_ERROR
 from obb_collision.robots.checks.reports import StateDistances, StateReport
 from obb_collision.robots.robot_scene import RobotScene
-from obb_collision.typing import Floats, Mask, Rows
+from obb_collision.typing import Floats, Rows
 
 TOO_SLOW = "checking took too long"
 VALID, COLLIDES, OUT_OF_LIMITS, BAD_STATE, NOT_KNOWN = range(5)
@@ -79,8 +75,6 @@ MEANINGS = {
 FIELDS = field_bytes(ROWS)
 MAX_STATES = 100_000
 """States of a message: the answer has 3.2 MB then, and takes 20 ms without any check."""
-STANDING = 1.0
-"""Seconds after which an object that has not moved stands still."""
 LONGEST_CHECK, QUICK = 0.2, 0.02
 """Seconds after which the states of a message that are left are not checked, as no cycle runs
 meanwhile; and of a portion of them that is quick."""
@@ -291,122 +285,3 @@ class StateService:
             setattr(contact, f"contact_body_{number}", name.removeprefix(own) if is_link else name)
             setattr(contact, f"body_type_{number}", ROBOT_LINK if is_link else kind)
         return contact
-
-
-class Standstill:
-    """Which objects have stood still, where they came, for a while."""
-
-    def __init__(self) -> None:
-        self._serials, self._since = np.zeros(0, np.int64), np.zeros(0)
-        self._poses = np.zeros((0, 7))
-
-    def update(self, serials: Rows, poses: Floats, moves: Mask, now: float) -> Mask:
-        """Return which objects stand still (n,), by unique numbers (n,) and poses (n, 7)."""
-        room = len(serials) - len(self._serials)
-        if room > 0:
-            self._serials = np.pad(self._serials, (0, room), constant_values=-1)
-            self._since = np.pad(self._since, (0, room))
-            self._poses = np.pad(self._poses, ((0, room), (0, 0)))
-        count = len(serials)
-        same = (self._serials[:count] == serials) & (self._poses[:count] == poses).all(axis=1)
-        changed = np.flatnonzero(~same | moves)
-        self._serials[changed], self._poses[changed] = serials[changed], poses[changed]
-        self._since[changed] = now
-        return np.asarray(now - self._since[:count] >= STANDING)
-
-
-class SpeedScale:
-    """Publishes the speed scale (0 to 1) of one robot, while the topic has subscribers."""
-
-    def __init__(self, checked: CheckedRobot, publisher: Publisher) -> None:
-        self._checked, self._robot, self._publisher = checked, checked.input, publisher
-        self._objects, self._base = Standstill(), Standstill()
-
-    def _standing(self, scene: RobotScene) -> Mask:
-        """Return (slots,) which objects stand still; none of them while the base moves.
-
-        Only objects by markers and of the scene file can: objects of other topics are tracked, and
-        may move at any time.
-        """
-        table, store = self._checked.objects.table, self._checked.objects.scene.objects.store
-        count, now = min(len(table.serial), len(store.poses)), monotonic()
-        marked = self._checked.objects.placement.topics.index(State("", 0, 0).topic)
-        moves = table.moving[:count] | (table.topic[:count] != marked)
-        standing = self._objects.update(table.serial[:count], store.poses[:count], moves, now)
-        number = np.zeros(1, np.int64)
-        stands = self._base.update(number, scene.bases, np.zeros(1, np.bool_), now)[0]
-        result = np.zeros(len(store.poses), np.bool_)
-        result[:count] = standing & stands
-        return result
-
-    def publish(self) -> None:
-        """Publish the scale as things are now, and tell the robot why it is 0."""
-        self._robot.halt = ""
-        if self._publisher.get_subscription_count() == 0:
-            return
-        scale, why = 0.0, INTERNAL_ERROR
-        try:
-            scale, why = self._scale(), "within the stop distance"
-        except ValueError as error:  # RefusedError, too: not known
-            why = error.reason if isinstance(error, RefusedError) else str(error)
-        finally:
-            self._robot.halt = "" if scale > 0.0 else why
-            self._publisher.publish(Float64(data=scale))
-
-    def _scale(self) -> float:
-        """Return 1 beyond the slow distance, and 0 within the stop distance.
-
-        Both are more by how far the fastest point of the robot and of an object may have come
-        nearer to each other within the reaction time. RefusedError where it is 0 for another
-        reason.
-        """
-        parameters = self._checked.parameters
-        scene = self._checked.scene()
-        stop, slow = parameters.speed_stop_distance, parameters.speed_slow_distance
-        with np.errstate(over="ignore"):
-            come = self._closing_speed(scene) * parameters.speed_reaction_time
-        if not np.isfinite(come):
-            raise RefusedError("speeds are too large")
-        state = self._checked.joints.positions[None]
-        report = scene.check(state)  # links against each other, and limits, too
-        if not report.valid[0]:
-            raise RefusedError(
-                "it collides" if report.colliding[0] else "a joint out of its limits"
-            )
-        still = parameters.speed_still_pairs
-        scene.standing = self._standing(scene)
-        try:
-            distances = scene.distances(
-                state, max_distance=slow + come, self_pairs=False, still_pairs=still
-            )
-        finally:
-            scene.standing = None
-        room = float(distances.distances[0]) - come - stop
-        return float(np.clip(room / (slow - stop), 0.0, 1.0))
-
-    def _own_speed(self, scene: RobotScene) -> float:
-        """Return at least how fast a point of the robot is by joints of unknown velocity (m/s)."""
-        joints = self._checked.joints
-        if not joints.unclear.any():
-            return 0.0
-        most = np.where(joints.unclear, joints.speed_limits, 0.0)
-        if not np.isfinite(most).all():
-            names = [joints.names[row] for row in np.flatnonzero(np.isinf(most))]
-            who = first_names(names, len(names))
-            raise RefusedError(f"joints without a velocity and without a velocity limit: {who}")
-        return float(scene.displacements(joints.positions[None], most[None])[0])
-
-    def _closing_speed(self, scene: RobotScene) -> float:
-        """Return at least how fast any point of the robot and any object near each other (m/s)."""
-        links, objects = self._checked.links, self._checked.objects
-        if not links.are_speeds_known:
-            raise RefusedError("speeds are too large")
-        table = objects.table
-        own = np.concatenate([links.slots, self._robot.attached.slots])
-        others = table.moving & table.visible
-        others[own] = False
-        speeds = [
-            float(objects.scene.objects.speeds_of(slots, table.twist[slots]).max(initial=0.0))
-            for slots in (own, np.flatnonzero(others))
-        ]
-        return sum(speeds) + self._own_speed(scene)

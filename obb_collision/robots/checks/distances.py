@@ -362,16 +362,10 @@ def state_distances(
     """Return the least distance up to a limit in states (n, joints), or that of every pair."""
     if not self_pairs:
         prepared = prepared.without_self_pairs
-    checked = prepared.checked
     ask = _all_distances if every else _least_distances
     rows, (bounds, numbers, vectors) = ask(prepared, accuracy, states, limit)
     bodies = prepared.bodies_at(numbers)
-    gradients = None
-    if jacobian:
-        frames = np.append(checked.bodies.frames, 0)[bodies]  # any frame if there is no pair
-        points, along = np.ascontiguousarray(vectors[:, :2]), np.ascontiguousarray(vectors[:, 2])
-        places = prepared.own.driven, frames, points, along
-        gradients = distance_gradients(checked.tree, np.ascontiguousarray(states[rows]), *places)
+    gradients = _gradients(prepared, states[rows], bodies, vectors) if jacobian else None
     scene = prepared.checked.owners, prepared.excess, prepared.world.origin
     _name_pairs(scene, (bounds, bodies, vectors), bool(accuracy >= Accuracy.HULL))
     if every:  # the nearest bodies of each pair of names
@@ -385,6 +379,29 @@ def state_distances(
         gradients = None if gradients is None else gradients[kept]
     pairs = bodies, vectors[:, :2], vectors[:, 2]
     return StateDistances(bounds[:, 0], bounds[:, 1], *pairs, prepared.names, rows, gradients)
+
+
+def distance_rates(
+    prepared: Prepared, accuracy: Accuracy, state: Floats, velocities: Floats, limit: float
+) -> tuple[Floats, Integers, Floats]:
+    """Return the distances (m,) up to a limit in a state (1, joints) of all pairs of bodies.
+
+    And the rows (m, 2) of their names, and the rates (m,), m/s, at which they grow while joints
+    move at velocities (joints,). Each ball of a cloud is a pair of its own.
+    """
+    _, (bounds, numbers, vectors) = _all_distances(prepared, accuracy, state, limit)
+    states = np.repeat(state, len(numbers), axis=0)
+    gradients = _gradients(prepared, states, prepared.bodies_at(numbers), vectors)
+    return bounds[:, 0], prepared.owners_of(numbers), gradients @ velocities
+
+
+def _gradients(prepared: Prepared, states: Floats, bodies: Integers, vectors: Floats) -> Floats:
+    """Return the gradients (m, joints) of the distances of pairs (m, 2) in states (m, joints)."""
+    checked = prepared.checked
+    frames = np.append(checked.bodies.frames, 0)[bodies]  # any frame if there is no pair
+    points, along = np.ascontiguousarray(vectors[:, :2]), np.ascontiguousarray(vectors[:, 2])
+    places = prepared.own.driven, frames, points, along
+    return distance_gradients(checked.tree, np.ascontiguousarray(states), *places)
 
 
 def _least_distances(

@@ -12,16 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""States to check, by topic and by MoveIt's service, and how fast a robot may move.
-
-No state is valid, and no robot may move, where anything is not known.
-"""
+"""States to check, by topic and by MoveIt's service: none is valid where anything is unknown."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from operator import attrgetter
-from time import monotonic
 from types import SimpleNamespace
 from typing import Any
 
@@ -30,8 +26,7 @@ import pytest
 from each import each
 from rig import FakeFrames, Patch, cube, pose
 from robot_rig import CRATE, EDGES, SRDF, URDF, AskingRig, box
-from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64, String
+from std_msgs.msg import String
 from std_srvs.srv import SetBool
 from test_attached_and_hostile import TOOL, held, put
 from visualization_msgs.msg import Marker
@@ -171,139 +166,6 @@ def test_more_states_than_a_cycle_can_do_are_refused(arm: AskingRig, monkeypatch
     assert dict(monitor.refused) == {validity.TOO_SLOW: 1}
     arm.questions.publish(cloud_to_ros(np.zeros(validity.MAX_STATES + 1, [("lift", "u1")])))
     arm.until(lambda: "too many points" in monitor.refused, "the refusal")
-
-
-ABOVE = (1.0, 0.0, 1.25)
-"""Where the crate is 0.6 m above the hand."""
-NAN, INF = float("nan"), float("inf")
-
-
-class Speed:
-    """The scales of a robot, with a crate above its hand."""
-
-    def __init__(self, rig: AskingRig, **given: Any) -> None:
-        limits = {"speed_stop_distance": 0.1, "speed_slow_distance": 1.1}
-        rig.set(**(limits | {"speed_reaction_time": 0.0} | given))
-        self.rig, self.scales = rig, list[float]()
-        self.end = rig.client.create_subscription(Float64, "arm/speed_scale", self._take, 10)
-        rig.until(lambda: len(self.scales) > 1, "a scale")
-
-    def _take(self, message: Float64) -> None:
-        self.scales.append(message.data)
-
-    def scale(self) -> float:
-        """Return the scale after the answer to all that was sent."""
-        self.rig.answer()
-        self.scales.clear()
-        self.rig.until(lambda: len(self.scales) > 1, "a scale")
-        return self.scales[-1]
-
-    def of(self, lift: float, *velocity: float) -> float:
-        """Return the scale after joint states, with the velocities or without any."""
-        message = JointState(header=self.rig.header(), name=["lift", "turn"], position=[lift, 0.0])
-        message.velocity = list(velocity)
-        self.rig.joint_states.publish(message)
-        return self.scale()
-
-
-@pytest.fixture
-def speed(arm: AskingRig) -> Iterator[Speed]:
-    """Return the scales of a robot whose speed counts for half a second."""
-    made = Speed(arm, speed_reaction_time=0.5)
-    arm.put(ABOVE)
-    yield made
-    arm.client.destroy_subscription(made.end)
-
-
-def test_the_scale_falls_with_the_distance(speed: Speed) -> None:
-    speed.rig.set(speed_reaction_time=0.0)
-    for lift, turn, expected in ((0.0, 0.0, 0.5), (0.25, 0.0, 0.25), (0.52, 0.0, 0.0), (0, 3, 1)):
-        speed.rig.send_joints(lift=lift, turn=turn)
-        assert speed.scale() == pytest.approx(expected, abs=1e-6 * (0.0 < expected < 1.0))
-    (result,) = speed.rig.set(speed_stop_distance=2.0)
-    assert not result.successful
-    assert "must exceed" in result.reason, "slow is beyond stop"
-    speed.rig.start_robot(URDF.replace("</link>", f"{box(0.9)}</link>", 1), lift=-0.5)
-    assert speed.scale() == 0.0, "links collide"
-
-
-def test_what_stands_beside_a_link_that_no_joint_moves_is_no_reason_to_slow_down(
-    speed: Speed, monkeypatch: Patch
-) -> None:
-    now = [monotonic()]
-    monkeypatch.setattr(validity, "monotonic", lambda: now[0])
-    rig = speed.rig
-    rig.set(speed_reaction_time=0.0)
-    table = ("table", 1)
-    rig.put((9.0, 9.0, 9.0))
-    rig.send(cube(table, (0.0, 0.0, -0.65))).answer()  # 5 cm below the base
-    assert speed.scale() == 0.0, "it has just come"
-    now[0] += 2.0
-    assert speed.scale() > 0.0
-    rig.set(speed_still_pairs=True)
-    assert speed.scale() == 0.0
-    rig.set(speed_still_pairs=False)
-    assert speed.scale() > 0.0
-    rig.send(cube(table, (0.01, 0.0, -0.65))).answer()
-    assert speed.scale() == 0.0, "it moves"
-    now[0] += 2.0
-    assert speed.scale() > 0.0
-    rig.send_states(["table/1"], [pose(0.01, 0.0, -0.65)])
-    now[0] += 2.0
-    assert speed.scale() == 0.0, "it is tracked"
-
-
-def test_the_scale_falls_with_speeds(speed: Speed) -> None:
-    speed.rig.send_joints({"lift": 0.4}, lift=0.0, turn=0.0)
-    assert speed.scale() == pytest.approx(0.3, abs=1e-4)
-    speed.rig.send_states(["crate/1"], [pose(*ABOVE)], twists=[[0.2, 0, 0, 0, 0, 0]])
-    assert speed.scale() == pytest.approx(0.2, abs=1e-4)
-
-
-def test_the_scale_is_zero_while_anything_is_not_known() -> None:
-    with AskingRig() as rig:
-        speed = Speed(rig)
-        assert set(speed.scales) == {0.0}
-        rig.start_robot()
-        rig.put(ABOVE)
-        assert speed.scale() > 0.0
-        rig.send_joints(lift=NAN)
-        rig.until(lambda: speed.scales[-1] == 0.0, "a stop")
-
-
-@each("velocity", [(), (NAN, NAN), (NAN, 0.0), (1e301, 0.0), (INF, 0.0)])
-def test_without_velocities_they_are_differences(speed: Speed, velocity: tuple[float, ...]) -> None:
-    speed.of(-4e-4, *velocity)
-    assert speed.of(0.0, *velocity) == pytest.approx(0.3, abs=1e-4)  # a millisecond later
-    speed.rig.stamp -= 1_000_000
-    assert speed.of(0.0, *velocity) == pytest.approx(0.3, abs=1e-4)  # with the same stamp
-    assert speed.of(0.0, *velocity) == pytest.approx(0.5, abs=1e-4)
-
-
-def test_the_scale_is_zero_where_speeds_are_too_large(speed: Speed) -> None:
-    assert speed.of(0.0, 1e300, 0.0) == 0.0
-    assert speed.rig.node.guard.total == 0
-    assert speed.of(0.0) == pytest.approx(0.5, abs=1e-6)
-
-
-@each("limit, scale", [("0.4", 0.3), ("0", 0.0)])
-def test_with_one_state_a_joint_goes_at_its_limit(speed: Speed, limit: str, scale: float) -> None:
-    rig = speed.rig
-    rig.read(URDF.replace('upper="3"', f'upper="3" velocity="{limit}"', 1))
-    assert speed.of(0.0, NAN, 0.0) == pytest.approx(scale, abs=1e-6)
-    why = "joints without a velocity and without a velocity limit: lift"
-    text = "" if scale else f"robot arm: speed_scale is 0: {why}"
-    rig.until(lambda: rig.known()["message"] == f"free{text and '; '}{text}", "the reason")
-    rig.until(lambda: rig.status("robot arm").get("speed_scale is 0", "") == why * (not scale))
-
-
-def test_of_some_joints_of_unknown_velocity_no_two_cancel_out(speed: Speed) -> None:
-    """Two joints about opposite axes, at most 1 rad/s each: the hand is as fast as both."""
-    urdf = URDF.replace('upper="3"', 'upper="3" velocity="1"').replace("prismatic", "revolute")
-    speed.rig.set(speed_reaction_time=0.1, speed_slow_distance=2.1)
-    for axis in ("0 0 1", "0 0 -1"):
-        speed.rig.read(urdf.replace('xyz="0 0 1"', f'xyz="{axis}"', 1))
-        assert 0.0 < speed.of(0.0, NAN, NAN) <= (0.6 - 0.1 - 0.1 * 2 * 1.1) / 2.0
 
 
 ROBOT_LINK, WORLD_OBJECT, ROBOT_ATTACHED = range(3)
