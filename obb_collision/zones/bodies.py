@@ -153,7 +153,7 @@ def distances_at(
     out: Floats,
 ) -> None:
     """Write the distances of several outlines from that of the base at a time, 0 if they meet."""
-    moved, origin = np.empty((MOST_CORNERS, 2)), np.zeros((1, 2))
+    moved, origin = np.empty((len(bodies), 2)), np.zeros((1, 2))
     for n in range(len(out)):
         count = ends[n + 1] - ends[n]
         for k in range(count):

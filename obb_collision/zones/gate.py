@@ -26,7 +26,14 @@ import numpy as np
 
 from obb_collision.typing import Floats, Mask, Rows
 from obb_collision.zones.bodies import MOST_CORNERS, box_outlines, distances_at, meeting_times
-from obb_collision.zones.outlines import Outline, Twist, count_inside, distances, time_of_many
+from obb_collision.zones.outlines import (
+    Outline,
+    Twist,
+    convex_outline,
+    count_inside,
+    distances,
+    time_of_many,
+)
 from obb_collision.zones.zones import APPROACH, LIMIT, NOTHING, STOP, Settings, Zone
 
 ZERO = 0.0, 0.0, 0.0
@@ -46,10 +53,11 @@ class Cloud(NamedTuple):
 
 
 class Surroundings:
-    """What is about a base, in its frame: points by source, clouds and boxes by name.
+    """What is about a base, in its frame: points by source, clouds and bodies by name.
 
-    points: by source, each (n, 3), counted; clouds and boxes are objects, of which one is enough.
-    corners (n, 8, 3): of the boxes with these names.
+    points: by source, each (n, 3), counted; clouds and bodies are objects, of which one is enough.
+    corners (n, 8, 3): of the boxes with the first names; hulls: points (k, 3) of the hulls of the
+    others, which count as a whole if a part is between the heights of a zone.
     """
 
     def __init__(
@@ -58,9 +66,10 @@ class Surroundings:
         clouds: Mapping[str, Cloud] | None = None,
         names: Sequence[str] = (),
         corners: Floats | None = None,
+        hulls: Sequence[Floats] = (),
     ) -> None:
         self.points, self.clouds = points, clouds or {}
-        self.names = names
+        self.names, self.hulls = names, hulls
         self.corners = np.empty((0, 8, 3)) if corners is None else corners
         self._outlines: dict[tuple[float, float], tuple[Floats, Rows]] = {}
 
@@ -71,8 +80,20 @@ class Surroundings:
             count = len(self.corners)
             out, ends = np.empty((count * MOST_CORNERS, 2)), np.empty(count + 1, np.int64)
             box_outlines(self.corners, low, high, out, ends)
-            self._outlines[key] = out, ends
+            parts, lengths = [out[: ends[-1]]], list[int]()
+            for hull in self.hulls:
+                heights, outline = hull[:, 2], np.empty((len(hull), 2))
+                meets = heights.max() >= low and heights.min() <= high
+                parts.append(outline[: convex_outline(hull, outline) if meets else 0])
+                lengths.append(len(parts[-1]))
+            ends = np.append(ends, ends[-1] + np.cumsum(np.array(lengths, np.int64)))
+            self._outlines[key] = np.concatenate(parts), ends
         return self._outlines[key]
+
+    def body(self, row: int) -> Floats:
+        """Return the points (k, 3) of a body."""
+        count = len(self.corners)
+        return self.corners[row] if row < count else self.hulls[row - count]
 
 
 @dataclass
@@ -171,7 +192,7 @@ def look(
     times = np.empty(len(around.names))
     meeting_times(bodies, ends, *outline, twist, end, times)
     for row in np.flatnonzero(np.isfinite(times)).tolist():
-        found.add(around.names[row], float(times[row]), around.corners[row])
+        found.add(around.names[row], float(times[row]), around.body(row))
     return found
 
 
@@ -225,7 +246,8 @@ def compile_kernels() -> None:
     square = np.array([[1.0, 1.0], [1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0]])
     points = np.array([[0.9, 0.0, 0.0], [1.5, 0.0, 0.0]])
     corners = np.array([[[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0.9, 2)]], np.float64)
-    around = Surroundings({"points": points}, {"cloud": Cloud(points, 0.1)}, ["box"], corners)
+    bodies = ["box", "hull"], corners, [corners[0]]
+    around = Surroundings({"points": points}, {"cloud": Cloud(points, 0.1)}, *bodies)
     for outline in (Outline(square), Outline(square[:0], 1.0)):
         for action in (STOP, APPROACH):
             settings = Settings(action, leaving=outline, min_points=1)

@@ -167,6 +167,14 @@ def test_objects_count_beside_points() -> None:
     high = zone("approach", max_height=0.3)
     assert decide((0.5, 0.0, 0.0), [high], boxes(shelf=(1.0, 0.0, 0.5))).action == "none"
     assert decide((0.5, 0.0, 0.0), [high], boxes(shelf=(1.0, 0.0, 0.3))).action == "approach"
+    angles = np.arange(64) * (np.pi / 32)
+    rim = np.column_stack([1.0 + 0.2 * np.cos(angles), 0.2 * np.sin(angles), 0.0 * angles])
+    pillar = Surroundings({}, names=["pillar"], hulls=[rim])
+    assert decide((0.5, 0.0, 0.0), [zone("approach")], pillar).finding.time == pytest.approx(0.6)
+    beside = Outline(np.array([[0.84, 0.4], [0.84, 0.16], [0.6, 0.16], [0.6, 0.4]]))
+    assert decide(AHEAD, [zone("stop", beside)], pillar).action == "none", "but in its box"
+    assert decide(AHEAD, [zone("stop", Outline(1.2 * beside.corners))], pillar).action == "stop"
+    assert decide(AHEAD, [zone("stop", LARGE, min_height=0.1)], pillar).action == "none"
     ball = Surroundings({}, {"sources/a/0": Cloud(np.array([[1.2, 0.0, 0.0]]), 0.2)})
     found = decide((0.5, 0.0, 0.0), [zone("approach")], ball)
     assert found.finding.time == pytest.approx(1.0)
@@ -197,10 +205,11 @@ for outline in (circle(0.5), polygon_from_text("[[1, 1], [1, -1], [-1, -1], [-1,
     for action in ("stop", "slowdown", "limit", "approach"):
         for leaving in (None, outline, circle(0.3)):
             settings = Settings(action, min_height=0.1, max_height=1.0, leaving=leaving)
-            for count in (0, 1, 40):
+            for count in (1, 40):
                 points = np.zeros((count, 3))
                 clouds = {"cloud": Cloud(points, 0.1)}
-                around = Surroundings({"front": points}, clouds, ["a", "b"], corners)
+                bodies = ["a", "b", "c"], corners, [points + 1]
+                around = Surroundings({"front": points}, clouds, *bodies)
                 decide((0.1, 0.0, 0.2), [Zone("z", settings, outline)], around)
 new = _jit.loaded_kernels() - before
 assert not new, new

@@ -23,16 +23,23 @@ from typing import Any
 
 import numpy as np
 
+from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.poses import as_poses, compose_poses, inverse_poses
+from obb_collision.geometry.trees.convex_proxy import outer_points
 from obb_collision.node.base.observations import placed
-from obb_collision.scene.building.shape_cache import CLOUD
+from obb_collision.scene.building.shape_cache import BOX, CLOUD
 from obb_collision.scene.scene import Scene
 from obb_collision.scene.store.patterns import matching
-from obb_collision.typing import Floats, Mask
+from obb_collision.shapes import Hull, Mesh
+from obb_collision.typing import Floats, Mask, Rows
 from obb_collision.zones import gate
 
 SIGNS = np.array([corner[::-1] for corner in product((-1.0, 1.0), repeat=3)])
 """Of the corners (8, 3) of a box, as ``box_outlines`` takes them."""
+
+
+MOST_POINTS = 2000
+"""Of a mesh whose hull is asked for: that of a larger one counts by its box."""
 
 
 class SceneObjects:
@@ -70,10 +77,39 @@ class SceneObjects:
             shape: Any = self._scene.objects.cache.shape(slot)
             own = compose_poses(inverse_poses(pose[None]), store.poses[slot : slot + 1])[0]
             clouds[str(store.names[slot])] = gate.Cloud(placed(own, shape.points), shape.radius)
-        slots = slots[~is_cloud]
-        (position,), (rotation,) = as_poses(pose[None], warn=False)
-        axes = store.rotations[slots] * store.half_extents[slots][:, None, :]
-        corners = np.einsum("nij,kj->nki", axes, SIGNS)
-        corners += (store.centers[slots] - position)[:, None]
+        slots, hulls = self._hulls(slots[~is_cloud], pose)
+        boxes = slots[: len(slots) - len(hulls)]
+        axes = store.rotations[boxes] * store.half_extents[boxes][:, None, :]
+        corners = np.einsum("nij,kj->nki", axes, SIGNS) + store.centers[boxes][:, None]
         names = [str(store.names[slot]) for slot in slots.tolist()]
-        return gate.Surroundings(points, clouds, names, np.einsum("nki,ij->nkj", corners, rotation))
+        return gate.Surroundings(points, clouds, names, seen_from(pose, corners), hulls)
+
+    def _hulls(self, slots: Rows, pose: Floats) -> tuple[Rows, list[Floats]]:
+        """Return the slots, those of hulls last, and their points (k, 3) in the frame of a pose.
+
+        Hulls stand for what is on a level above "obb" and has no padding.
+        """
+        store, hulls = self._scene.objects.store, list[Floats]()
+        is_fine = (store.accuracies[slots] >= Accuracy.HULL) & (store.kinds[slots] > BOX)
+        is_fine &= store.paddings[slots] == 0.0
+        for row in np.flatnonzero(is_fine).tolist():
+            points = hull_points(self._scene.objects.cache.shape(int(slots[row])))
+            if points is None:
+                is_fine[row] = False
+            else:
+                hulls.append(seen_from(pose, placed(store.poses[slots[row]], points)))
+        return np.concatenate([slots[~is_fine], slots[is_fine]]), hulls
+
+
+def seen_from(pose: Floats, points: Floats) -> Floats:
+    """Return points (..., 3) in the frame of a pose (7,)."""
+    (position,), (rotation,) = as_poses(pose[None], warn=False)
+    return np.einsum("...i,ij->...j", points - position, rotation)
+
+
+def hull_points(shape: Any) -> Floats | None:
+    """Return points (k, 3) whose hull contains a shape, None where they are too many."""
+    if isinstance(shape, (Hull, Mesh)):
+        points: Floats = shape.vertices if isinstance(shape, Mesh) else shape.points
+        return points * np.array(shape.scale) if len(points) <= MOST_POINTS else None
+    return outer_points(shape)

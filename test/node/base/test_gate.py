@@ -289,6 +289,21 @@ def test_objects_of_the_scene_count_too(rig: BaseRig) -> None:
     assert rig.answer_to(*GO) == GO
 
 
+@each("accuracy", ["obb", "hull"])
+def test_round_objects_count_by_their_boxes_or_hulls(rig: BaseRig, accuracy: str) -> None:
+    rig.set(accuracy=accuracy)
+    rig.send(cube(A1, (0.88, 0.88, 0.0), (1.0, 1.0, 1.0), frame="odom", type=Marker.CYLINDER))
+    rig.until(lambda: len(rig.node.objects.table) == 1, "the object")
+    slow = (0.25, 0.05, -0.1)
+    rig.see_points((5.0, 0.0))
+    assert rig.answer_to(*GO) == (slow if accuracy == "obb" else GO)
+    rig.send(cube(A1, (0.82, 0.82, 0.0), (1.0, 1.0, 1.0), frame="odom", type=Marker.CYLINDER))
+    rig.until(lambda: rig.answer_to(*GO) == slow, "nearer")
+    rig.node.objects.clear()
+    rig.cycles(2)
+    rig.set(accuracy="obb")
+
+
 def test_a_node_that_ends_stops_the_base() -> None:
     given = {"odom_frame_id": "odometry", "Stop.velocity_polygons": None}  # [] in a file
     with BaseRig({"Stop": zone("stop")}, given=given) as rig:
