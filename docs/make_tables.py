@@ -94,7 +94,11 @@ def tables() -> dict[str, str]:
     found["robot topics"] = topic_table(rows)
     found["fields"] = field_table()
     found["validity"] = as_markdown(
-        [["field, type", "meaning"], *fields(validity.ROWS, validity.MEANINGS)]
+        [
+            ["field, type", "meaning"],
+            *fields(validity.ROWS, validity.MEANINGS),
+            *fields(validity.PATH_ROWS, validity.PATH_MEANINGS),
+        ]
     )
     found["readers"] = as_markdown(
         [

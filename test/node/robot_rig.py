@@ -140,16 +140,18 @@ class AskingRig(RobotRig):
         super().__init__(given, **options)
         create, listen = self.client.create_publisher, self.client.create_subscription
         self.questions = create(PointCloud2, "arm/states_to_check", 10)
+        self.paths = create(PointCloud2, "arm/path_to_check", 10)
         self.wanted = create(JointTrajectory, "arm/trajectory_in", 10)
-        self.pubs |= {"questions": self.questions, "wanted": self.wanted}
+        self.pubs |= {"questions": self.questions, "paths": self.paths, "wanted": self.wanted}
         self.answers: list[PointCloud2] = []
         self.forwarded: list[Any] = []
         self.said: list[Any] = []
-        listen(PointCloud2, "arm/state_validity", self.answers.append, 10)
+        for topic in ("state_validity", "path_validity"):
+            listen(PointCloud2, f"arm/{topic}", self.answers.append, 10)
         listen(JointTrajectory, "arm/trajectory_out", self.forwarded.append, 10)
         listen(DiagnosticStatus, "arm/trajectory_status", self.said.append, 10)
         self.wait_inputs()
-        for name in ("state_validity", "trajectory_out", "trajectory_status"):
+        for name in ("state_validity", "path_validity", "trajectory_out", "trajectory_status"):
             self.until(self.ends.publishers[name].get_subscription_count, name)
         names = [spec.name for spec in SPECS if not spec.fixed]
         self.initial = {name: self.node.get_parameter(name).value for name in names}
@@ -182,14 +184,23 @@ class AskingRig(RobotRig):
 
     def ask(self, states: Any, names: Sequence[str] = BOTH, kind: str = "<f8") -> np.ndarray:
         """Return the rows of the answer to states (n, joints)."""
+        return cloud_from_ros(self._asked(self.questions, states, names, kind), ROW)
+
+    def ask_path(self, states: Any) -> np.void:
+        """Return the row of the answer to a path (n, joints)."""
+        answer = self._asked(self.paths, states, BOTH, "<f8")
+        (row,) = cloud_from_ros(answer, ("fraction", *ROW[1:]))
+        return row
+
+    def _asked(self, question: Any, states: Any, names: Sequence[str], kind: str) -> PointCloud2:
         rows = np.zeros(len(states), [(name, kind) for name in names])
         for column, name in enumerate(names):
             rows[name] = np.asarray(states)[:, column]
         self.answers.clear()
-        self.questions.publish(cloud_to_ros(rows, self.header()))
+        question.publish(cloud_to_ros(rows, self.header()))
         self.until(lambda: self.answers, "the answer")
         assert stamp_from_ros(self.answers[0].header.stamp) == self.stamp
-        return cloud_from_ros(self.answers[0], ROW)
+        return self.answers[0]
 
     def reasons(self, states: Any, **options: Any) -> list[str]:
         """Return why states are not valid, in words; valid and reason must fit."""

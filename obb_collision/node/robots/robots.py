@@ -57,6 +57,7 @@ from obb_collision.scene_files.mesh_files import MeshReading
 from obb_collision.typing import Rows
 
 STATES_TO_CHECK, STATE_VALIDITY = "states_to_check", "state_validity"
+PATH_TO_CHECK, PATH_VALIDITY = "path_to_check", "path_validity"
 SPEED_SCALE = "speed_scale"
 TRAJECTORY_IN, TRAJECTORY_OUT = "trajectory_in", "trajectory_out"
 TRAJECTORY_STATUS = "trajectory_status"
@@ -78,6 +79,12 @@ KINDS = {
         meaning="States to check: a row per state, a float64 field per joint, named like the "
         "joint.",
     ),
+    PATH_TO_CHECK: Input(
+        PointCloud2,
+        10,
+        is_query=True,
+        meaning="A path to check: states as in states_to_check, straight motions between.",
+    ),
     TRAJECTORY_IN: Input(
         JointTrajectory, 10, is_query=True, meaning="A trajectory to forward if it is free."
     ),
@@ -96,6 +103,11 @@ OUTPUTS = (
         name=STATE_VALIDITY,
         message=PointCloud2,
         description="A row per state to check: valid, or the reason why not.",
+    ),
+    Topic(
+        name=PATH_VALIDITY,
+        message=PointCloud2,
+        description="One row per path to check: valid all the way, or where it is not, and why.",
     ),
     Topic(
         name=SPEED_SCALE,
@@ -143,7 +155,8 @@ class RobotAnswers:
         asked, wanted = (
             checked.objects.monitors[f"{name}/{kind}"] for kind in (STATES_TO_CHECK, TRAJECTORY_IN)
         )
-        self.validity = ValidityTopics(checked, self.publishers[STATE_VALIDITY])
+        rows = (self.publishers[topic] for topic in (STATE_VALIDITY, PATH_VALIDITY))
+        self.validity = ValidityTopics(checked, *rows)
         ends = self.publishers[TRAJECTORY_OUT], self.publishers[TRAJECTORY_STATUS]
         self.trajectories = Trajectories(checked, *ends, wanted)
         factor = None
@@ -217,6 +230,7 @@ class Robots:
                 SEMANTIC: partial(robot.receive_text, SEMANTIC),
                 JOINT_STATES: robot.store_joints,
                 STATES_TO_CHECK: answers.validity.answer,
+                PATH_TO_CHECK: answers.validity.answer_path,
                 TRAJECTORY_IN: answers.trajectories.receive,
                 JOG_IN: answers.speed.jog.receive,
             }

@@ -46,22 +46,22 @@ from obb_collision.node.messages.names import namespace_number, shortened
 from obb_collision.node.messages.optional import optional
 from obb_collision.node.robots.checked_robot import CheckedRobot, portions
 from obb_collision.node.runtime.guard import INTERNAL_ERROR
-from obb_collision.robots.checks.reports import StateDistances, StateReport
+from obb_collision.robots.checks.reports import MotionReport, StateDistances, StateReport
 from obb_collision.robots.robot_scene import RobotScene
 from obb_collision.typing import Floats, Rows
 
 TOO_SLOW = "checking took too long"
 VALID, COLLIDES, OUT_OF_LIMITS, BAD_STATE, NOT_KNOWN = range(5)
 """Reasons in ``state_validity``."""
-ROWS = np.dtype(
-    [
-        ("distance", "<f8"),
-        ("index", "<u4"),
-        *((name, "<i4") for name in ("ns_a", "id_a", "ns_b", "id_b")),
-        *((name, "u1") for name in ("valid", "reason")),
-    ],
-    align=True,
-)
+
+
+def _layout(first: str) -> np.dtype[np.void]:
+    numbers = [(name, "<i4") for name in ("ns_a", "id_a", "ns_b", "id_b")]
+    flags = [(name, "u1") for name in ("valid", "reason")]
+    return np.dtype([(first, "<f8"), ("index", "<u4"), *numbers, *flags], align=True)
+
+
+ROWS, PATH_ROWS = _layout("distance"), _layout("fraction")
 MEANINGS = {
     "distance": "Distance of the nearest pair (m), negative: depth. NaN without "
     "state_validity_distance; infinite beyond it.",
@@ -71,8 +71,12 @@ MEANINGS = {
     "reason": "0 valid; 1 collides; 2 a joint out of its limits; 3 not finite; 4 collisions "
     "unknown.",
 }
+PATH_MEANINGS = {
+    "fraction": "path_validity has it in place of the distance: the first bad motion is certainly "
+    "free up to there, from 0 to 1; NaN unless it collides.",
+    "index": "In path_validity: row of the state at which the first bad motion begins.",
+}
 """Of the fields, for docs/topics.md."""
-FIELDS = field_bytes(ROWS)
 MAX_STATES = 100_000
 """States of a message: the answer has 3.2 MB then, and takes 20 ms without any check."""
 LONGEST_CHECK, QUICK = 0.2, 0.02
@@ -81,38 +85,82 @@ meanwhile; and of a portion of them that is quick."""
 
 
 class ValidityTopics:
-    """Answers the states to check of one robot."""
+    """Answers the states and paths to check of one robot, each by a publisher."""
 
-    def __init__(self, checked: CheckedRobot, publisher: Publisher) -> None:
-        self._checked, self._publisher = checked, publisher
+    def __init__(self, checked: CheckedRobot, states: Publisher, paths: Publisher) -> None:
+        self._checked, self._of_states, self._of_paths = checked, states, paths
         self._parameters = checked.parameters
 
     def answer(self, data: bytes, now: int) -> None:
-        """Answer a message; RefusedError, without an answer, for one that cannot be read."""
+        """Answer a message of states, a row for each.
+
+        RefusedError, without an answer, for one that cannot be read.
+        """
+        self._answer(data, ROWS, self._fill, self._of_states)
+
+    def answer_path(self, data: bytes, now: int) -> None:
+        """Answer a message whose states are a path, by one row, as ``answer`` does."""
+        self._answer(data, PATH_ROWS, self._fill_path, self._of_paths)
+
+    def _answer(
+        self,
+        data: bytes,
+        layout: np.dtype[np.void],
+        fill: Callable[[np.ndarray, CloudMessage, int], None],
+        publisher: Publisher,
+    ) -> None:
         message = cloud_from_bytes(data)
         stamp = stamp_from_ros(message.header.stamp)
         most = min(self._parameters.max_cloud_points, MAX_STATES)
         count = len(cloud_from_ros(message, (), most))
-        rows = np.zeros(count, ROWS)
-        rows["index"], rows["reason"], rows["distance"] = np.arange(count), NOT_KNOWN, np.nan
+        rows = np.zeros(count if layout is ROWS else 1, layout)
+        rows["index"], rows["reason"] = np.arange(len(rows)), NOT_KNOWN
+        rows[(layout.names or ())[0]] = np.nan
         try:
-            self._fill(rows, message)
+            fill(rows, message, count)
         finally:  # unknown rows are published, too, before the reason is counted
             frame = self._parameters.fixed_frame
-            self._publisher.publish(cloud_to_bytes(rows, stamp, frame, FIELDS))
+            publisher.publish(cloud_to_bytes(rows, stamp, frame, field_bytes(layout)))
 
-    def _fill(self, rows: np.ndarray, message: CloudMessage) -> None:
+    def _fill_path(self, rows: np.ndarray, message: CloudMessage, count: int) -> None:
+        """Fill in the row of a path: its first bad motion; RefusedError where it is unknown."""
+        begin = monotonic()
+        scene = self._checked.scene()
+        path = _states(message, self._checked.robot.joint_names, count)
+        bad = np.flatnonzero(~(np.abs(path) <= LARGEST_COORDINATE).all(axis=1))
+        if len(bad) or count == 0:
+            rows["reason"], rows["index"] = BAD_STATE, bad[:1].sum()
+            return
+        for part in portions(max(count - 1, 1), QUICK):
+            _limit(begin, part.start, "motions")
+            states = path[part.start : part.stop + 1]
+            try:
+                report = scene.check_path(states)
+                number = report.first_invalid
+                if number is None:
+                    continue
+                report = scene.check_path(states[number : number + 2], first=True)
+            except ValueError as error:
+                raise RefusedError("bad state", str(error)) from error
+            rows["index"], collides = part.start + number, bool(report.colliding[0])
+            rows["reason"] = COLLIDES if collides else OUT_OF_LIMITS
+            rows["fraction"] = report.fractions[0]
+            ids = self._keys(report, len(scene.link_names))
+            for column, name in enumerate(("ns_a", "id_a", "ns_b", "id_b")):
+                rows[name] = ids[:, column]
+            return
+        rows["reason"], rows["valid"] = VALID, True
+
+    def _fill(self, rows: np.ndarray, message: CloudMessage, count: int) -> None:
         """Fill in the rows of states; RefusedError where some stay unknown."""
         begin = monotonic()
         scene = self._checked.scene()
-        states = _states(message, self._checked.robot.joint_names, len(rows))
+        states = _states(message, self._checked.robot.joint_names, count)
         bad = ~(np.abs(states) <= LARGEST_COORDINATE).all(axis=1)
         good = np.flatnonzero(~bad)
         rows["reason"][bad] = BAD_STATE
         for part in portions(len(good), QUICK):
-            if monotonic() - begin > LONGEST_CHECK:
-                done = f"{part.start} of {len(good)} were checked"
-                raise RefusedError(TOO_SLOW, f"{done} in {LONGEST_CHECK:g} s, the limit")
+            _limit(begin, part.start, f"of {len(good)} states")
             rows[good[part]] = self._checked_rows(rows[good[part]], scene, states[good[part]])
 
     def _checked_rows(self, rows: np.ndarray, scene: RobotScene, states: Floats) -> np.ndarray:
@@ -133,7 +181,7 @@ class ValidityTopics:
         rows["valid"] = rows["reason"] == VALID
         return rows
 
-    def _keys(self, report: StateReport, links: int) -> Rows:
+    def _keys(self, report: StateReport | MotionReport, links: int) -> Rows:
         """Return the keys (n, 4) of the first pairs: namespace number and id, 0 where is none."""
         table = self._checked.objects.table
         keys = np.zeros((len(report.names) + 1, 2), np.int64)
@@ -145,6 +193,13 @@ class ValidityTopics:
                 keys[row] = table.ns[slot], table.id[slot]
         keys_of_pairs: Rows = keys[report.first_pairs].reshape(-1, 4)
         return keys_of_pairs
+
+
+def _limit(begin: float, done: int, things: str) -> None:
+    """Raise RefusedError if a check that began takes too long."""
+    if monotonic() - begin > LONGEST_CHECK:
+        detail = f"{done} {things} were checked in {LONGEST_CHECK:g} s, the limit"
+        raise RefusedError(TOO_SLOW, detail)
 
 
 def _states(message: CloudMessage, names: Iterable[str], count: int) -> Floats:

@@ -25,7 +25,7 @@ import numpy as np
 import pytest
 from each import each
 from rig import FakeFrames, Patch, cube, pose
-from robot_rig import CRATE, EDGES, SRDF, URDF, AskingRig, box
+from robot_rig import CRATE, EDGES, REASONS, SRDF, URDF, AskingRig, box
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
 from test_attached_and_hostile import TOOL, held, put
@@ -67,6 +67,38 @@ def test_answers_are_those_of_the_library(arm: AskingRig) -> None:
     assert 50 < report.valid.sum() < 450
     expected = checker.distances(states, max_distance=10.0).distances
     np.testing.assert_allclose(rows["distance"], expected, atol=1e-9)
+
+
+def test_a_path_is_valid_all_the_way_or_says_where_not(arm: AskingRig) -> None:
+    arm.put((0.0, 1.0, 0.5))
+    ways = np.linspace((0.0, 0.0), (0.0, 2.5), 11)
+    row = arm.ask_path(ways)
+    robot, scene = oc.Robot.from_urdf(URDF), oc.Scene()
+    scene.add("crate/1", oc.shapes.Box(EDGES), pose(0.0, 1.0, 0.5))
+    first = oc.RobotScene([robot], scene).check_path(ways, first=True)
+    number = first.first_invalid
+    assert number is not None
+    assert (row["valid"], REASONS[row["reason"]], row["index"]) == (0, "collides", number)
+    assert row["fraction"] == pytest.approx(first.fractions[number], abs=1e-9)
+    keys = [row[name] for name in ("ns_a", "id_a", "ns_b", "id_b")]
+    assert keys == [namespace_number("arm/hand"), 0, namespace_number("crate"), 1]
+    jump = arm.ask_path([[0.0, 0.0], [0.0, 3.0]])
+    assert (jump["reason"], jump["index"]) == (1, 0), "between its states"
+    assert 0.4 < jump["fraction"] < 0.6
+    for path, reason, index in (
+        (ways[:4], "valid", 0),
+        ([[0.5, 0.5]], "valid", 0),
+        ([*ways[:3], [5.0, 0.0], *ways], "out of limits", 2),
+        ([*ways[:3], [np.nan, 0.0]], "bad state", 3),
+        (np.empty((0, 2)), "bad state", 0),
+    ):
+        row = arm.ask_path(path)
+        assert (REASONS[row["reason"]], row["index"]) == (reason, index)
+        assert row["valid"] == (reason == "valid")
+        assert np.isnan(row["fraction"])
+    arm.send_joints(lift=float("nan"))
+    arm.until(lambda: arm.robot.fault, "the fault")
+    assert REASONS[arm.ask_path(ways[:4])["reason"]] == "unknown"
 
 
 @each("padded", ["arm/*", "arm/hand/1", "crate/*"])
