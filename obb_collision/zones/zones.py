@@ -44,6 +44,8 @@ FEWEST_CORNERS = 4
 """Of a polygon in text."""
 FEWEST_RECEIVED = 3
 """Of a polygon by a topic."""
+MOST_CORNERS = 1000
+"""Of a polygon: each takes time with each point."""
 
 
 class Part(NamedTuple):
@@ -151,8 +153,9 @@ def polygon_from_text(text: str) -> Outline:
         corners = np.empty(0)
     if corners.ndim != 2 or corners.shape[1] != 2 or not np.isfinite(corners).all():
         raise ValueError(f"{shown(text)} is not like '[[0.5, 0.25], [0.5, -0.25], ...]'")
-    if len(corners) < FEWEST_CORNERS:
-        raise ValueError(f"a polygon needs {FEWEST_CORNERS} corners, got {len(corners)}")
+    if not FEWEST_CORNERS <= len(corners) <= MOST_CORNERS:
+        limits = f"{FEWEST_CORNERS} corners, and at most {MOST_CORNERS}"
+        raise ValueError(f"a polygon needs {limits}, got {len(corners)}")
     return Outline(corners)
 
 
@@ -164,7 +167,8 @@ def circle(radius: float) -> Outline:
 
 
 def polygon(corners: Floats) -> Outline:
-    """Return a polygon of corners (n, 2) from a message; ValueError for fewer than three."""
-    if len(corners) < FEWEST_RECEIVED or not np.isfinite(corners).all():
-        raise ValueError(f"a polygon needs {FEWEST_RECEIVED} finite corners, got {len(corners)}")
+    """Return a polygon of corners (n, 2) from a message; ValueError for too few or too many."""
+    if not FEWEST_RECEIVED <= len(corners) <= MOST_CORNERS or not np.isfinite(corners).all():
+        limits = f"{FEWEST_RECEIVED} to {MOST_CORNERS} finite corners"
+        raise ValueError(f"a polygon needs {limits}, got {len(corners)}")
     return Outline(np.ascontiguousarray(corners, np.float64))

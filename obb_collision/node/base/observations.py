@@ -19,15 +19,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
+from struct import Struct
 from typing import Any, NamedTuple
 
 import numpy as np
 from geometry_msgs.msg import PolygonInstanceStamped
-from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import LaserScan, PointCloud2, Range
 
 from obb_collision.geometry.poses import as_poses, compose_poses, inverse_poses
-from obb_collision.node.messages.cdr import Header, cloud_from_bytes
+from obb_collision.node.messages.cdr import TOO_MANY_POINTS, Header, Reader, cloud_from_bytes
 from obb_collision.node.messages.clouds import cloud_from_ros, points_from_ros
 from obb_collision.node.messages.conversions import NANOSECONDS, stamp_from_ros, unusable_poses
 from obb_collision.node.messages.errors import RefusedError
@@ -50,6 +50,8 @@ OUT_OF_RANGE, NO_FIELD = "out of range", "no field"
 """Reasons: of a range beyond its limits, and of a cloud without heights."""
 AHEAD = NANOSECONDS // 10
 """Nanoseconds by which a stamp may be ahead of the clock of the node."""
+CORNER_BYTES, NUMBER = 12, Struct("<q")
+"""Of a corner of a polygon in a message, and the layout of its id."""
 MOST_POLYGONS = 1000
 """Polygons of a source that are stored, those that came last."""
 
@@ -153,8 +155,10 @@ class Observation:
         try:
             key, points, header = self._read(data)
             stamp_from_ros(header.stamp)
-        except RefusedError as error:
-            self._unread = f"{error.reason}: {error.detail}"
+        except Exception as error:  # also one that was not foreseen
+            self._unread = repr(error)
+            if isinstance(error, RefusedError):
+                self._unread = f"{error.reason}: {error.detail}"
             raise
         self._unread = ""
         self._parts.pop(key, None)
@@ -187,17 +191,19 @@ class Observation:
             if not found.min_range <= found.range <= found.max_range:
                 raise RefusedError(OUT_OF_RANGE, f"{found.range}")
             view = found.field_of_view
+            self._check_count(view / settings.obstacles_angle)
             return None, arc(found.range, view, settings.obstacles_angle), found.header
-        try:
-            polygon: Any = deserialize_message(data, PolygonInstanceStamped)
-        except Exception as error:  # whatever rclpy raises for bytes that are none
-            raise RefusedError("malformed message", str(error)) from error
-        corners = np.array([(p.x, p.y, p.z) for p in polygon.polygon.polygon.points])
-        corners = corners.reshape(-1, 3)
+        number, corners, header = polygon_from_bytes(data)
         if not np.isfinite(corners).all():
             raise RefusedError("bad polygon", "not finite")
-        points = border(corners, settings.sampling_distance)
-        return int(polygon.polygon.id), points, polygon.header
+        sides = np.roll(corners, -1, axis=0) - corners
+        self._check_count(np.sqrt((sides**2).sum(axis=1)).sum() / settings.sampling_distance)
+        return number, border(corners, settings.sampling_distance), header
+
+    def _check_count(self, points: float) -> None:
+        """Raise RefusedError for more points than a message may have."""
+        if not points <= self._most():
+            raise RefusedError(TOO_MANY_POINTS, f"{points:g}, {self._most()} is the limit")
 
     def points(self, frames: BaseFrames, now: int) -> Floats:
         """Return the points (n, 3) about the base now; InvalidError where they are not known."""
@@ -234,6 +240,16 @@ class Observation:
         there = placed(pose, points[:, :3])
         heights = points[:, 3] if settings.use_global_height else there[:, 2]
         return there[(heights >= settings.min_height) & (heights <= settings.max_height)]
+
+
+def polygon_from_bytes(data: bytes) -> tuple[int, Floats, Header]:
+    """Return id, corners (n, 3) and header of a PolygonInstanceStamped; RefusedError."""
+    reader = Reader(data, PolygonInstanceStamped)
+    header = reader.header()
+    corners = reader.singles(3 * reader.count(CORNER_BYTES)).reshape(-1, 3).astype(np.float64)
+    (number,) = reader.numbers(NUMBER, 8)
+    reader.end()
+    return int(number), corners, header
 
 
 def placed(pose: Floats, points: Floats) -> Floats:

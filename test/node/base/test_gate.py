@@ -42,6 +42,7 @@ from std_msgs.msg import Float32, Header, String
 from std_srvs.srv import SetBool
 from visualization_msgs.msg import Marker, MarkerArray
 
+from obb_collision.node.diagnostics.answer import CODES, Answer, Reason
 from obb_collision.node.messages.clouds import cloud_to_ros
 from obb_collision.node.messages.conversions import stamp_to_ros
 
@@ -213,6 +214,18 @@ def rig_scan(rig: BaseRig, ranges: Any, **fields: Any) -> Any:
     """Return a scan of some rays."""
     values = {"range_min": 0.01, "range_max": 30.0, "angle_increment": 0.1} | fields
     return LaserScan(header=header(rig), ranges=[float(value) for value in ranges], **values)
+
+
+@each("code", [code for code in CODES if code not in ("starting", "no_objects")])
+def test_whatever_the_status_lacks_is_zero_with_its_code(
+    rig: BaseRig, code: str, monkeypatch: Patch
+) -> None:
+    reasons = Reason("starting"), Reason("no_objects"), Reason(code, ("a/1",), 1)
+    with monkeypatch.context() as patch:
+        patch.setattr(rig.node.evidence, "answer", lambda: Answer(reasons))
+        rig.see_points((5.0, 0.0))
+        assert rig.answer_to(*GO) == ZERO
+        rig.says_state(reason=code, who="a/1")
 
 
 def test_a_command_that_is_no_number_is_zero(rig: BaseRig) -> None:
@@ -532,8 +545,9 @@ def test_polygons_are_sampled_along_their_borders_until_they_are_old() -> None:
     zones = {"Stop": zone("stop", min_points=4)}
     with BaseRig(zones, {"front": source}) as rig:
 
-        def tell(number: int, x: float, age: float = 0.0) -> tuple[float, ...]:
-            corners = [Point32(x=x + a, y=b) for a, b in ((0, 0), (0.2, 0), (0.2, 0.2), (0, 0.2))]
+        def tell(number: int, x: float, age: float = 0.0, size: float = 0.2) -> tuple[float, ...]:
+            places = ((0.0, 0.0), (size, 0.0), (size, size), (0.0, size))
+            corners = [Point32(x=x + a, y=b) for a, b in places]
             polygon = PolygonInstance(polygon=Polygon(points=corners), id=number)
             give(rig, PolygonInstanceStamped(header=header(rig, age=age), polygon=polygon))
             return rig.answer_to(*GO)
@@ -545,6 +559,10 @@ def test_polygons_are_sampled_along_their_borders_until_they_are_old() -> None:
         assert tell(2, 0.2, age=2.0) == GO, "too old, and dropped"
         assert tell(1, 5.0, age=2.0) == ZERO
         rig.says_state(reason="stale", who="front")
+        for size in (1e20, np.nan, np.inf):
+            assert tell(1, 5.0) == GO
+            assert tell(1, 5.0, size=size) == ZERO
+            rig.says_state(reason="input_unreadable", who="front")
 
 
 @each("kind", ["circle", "polygon", "footprint"])
