@@ -48,7 +48,11 @@ Lookup = Callable[[str, int], tuple[Floats, int]]
 """Returns the pose (7,) of a frame at a stamp (ns, 0: the latest), and the stamp of that."""
 OUT_OF_RANGE, NO_FIELD = "out of range", "no field"
 """Reasons: of a range beyond its limits, and of a cloud without heights."""
-AHEAD = NANOSECONDS // 10
+AHEAD = "stamp ahead"
+"""Reason: of a message from the future."""
+FOREVER = 1 << 62
+"""Nanoseconds."""
+MOST_AHEAD = NANOSECONDS // 10
 """Nanoseconds by which a stamp may be ahead of the clock of the node."""
 CORNER_BYTES, NUMBER = 12, Struct("<q")
 """Of a corner of a polygon in a message, and the layout of its id."""
@@ -154,7 +158,9 @@ class Observation:
         """Store a serialised message; RefusedError for one that cannot be used."""
         try:
             key, points, header = self._read(data)
-            stamp_from_ros(header.stamp)
+            ahead = stamp_from_ros(header.stamp) - now
+            if self._strict and ahead > MOST_AHEAD:
+                raise RefusedError(AHEAD, f"by {ahead / NANOSECONDS:.1f} s")
         except Exception as error:  # also one that was not foreseen
             self._unread = repr(error)
             if isinstance(error, RefusedError):
@@ -210,7 +216,8 @@ class Observation:
         settings, limit = self.settings, int(self.settings.source_timeout * NANOSECONDS)
         reason = self._unread.partition(":")[0]
         if reason and (self._strict or reason in (OUT_OF_RANGE, NO_FIELD)):
-            code = "refused" if reason in (OUT_OF_RANGE, NOTHING_VALID) else "input_unreadable"
+            is_read = reason in (OUT_OF_RANGE, NOTHING_VALID, AHEAD)
+            code = "refused" if is_read else "input_unreadable"
             raise InvalidError(code, self._unread)
         if not self._parts:
             raise InvalidError("input_silent", "no message")
@@ -226,8 +233,8 @@ class Observation:
         stamp = stamp_from_ros(part.header.stamp)
         if not self._strict:
             return now - stamp
-        if stamp - now > AHEAD:
-            raise InvalidError("refused", f"stamp {(stamp - now) / NANOSECONDS:.1f} s ahead")
+        if stamp - now > MOST_AHEAD:  # the clock of the node was set back
+            return FOREVER
         return max(now - stamp, now - part.received)
 
     def _placed(self, part: Part, frames: BaseFrames, now: int) -> Floats:
