@@ -219,7 +219,7 @@ class Gate:
         for zone in self.zones:
             zone.settings = self._given.settings(zone.name)
         for sensor, settings in zip(self._sensors, self._given.sources(), strict=True):
-            sensor.settings = settings
+            sensor.settings, sensor.strict = settings, self._values.fail_closed
 
     def _add_shape(self, zone: Zone, topic: str, undo: Callable[..., object]) -> None:
         """Subscribe to the shape of a zone."""
@@ -309,6 +309,8 @@ class Gate:
             decision, fault = None, Fault("overload", detail="the answer came too late")
         if decision is not None or strict or fault.code not in UNANSWERED:
             with self._lock:
+                if strict and decision is not None and not self.active:  # ended meanwhile
+                    decision, fault = None, Fault("inactive")
                 self._send(ZERO if decision is None else decision.twist, header, strict)
                 self._tell(decision, fault)
         self.commands += 1

@@ -145,11 +145,11 @@ class Part(NamedTuple):
 class Observation:
     """A sensor: its newest message, read but not placed.
 
-    strict: whether what says nothing makes it invalid; most: of points.
+    most: points of a message; strict: whether what says nothing makes it invalid.
     """
 
     def __init__(self, settings: Observed, most: Callable[[], int], strict: bool) -> None:
-        self.settings, self._most, self._strict = settings, most, strict
+        self.settings, self._most, self.strict = settings, most, strict
         self._parts: dict[Any, Part] = {}
         """Of polygons by their ids, of other sensors one."""
         self._unread = ""
@@ -159,7 +159,7 @@ class Observation:
         try:
             key, points, header = self._read(data)
             ahead = stamp_from_ros(header.stamp) - now
-            if self._strict and ahead > MOST_AHEAD:
+            if self.strict and ahead > MOST_AHEAD:
                 raise RefusedError(AHEAD, f"by {ahead / NANOSECONDS:.1f} s")
         except Exception as error:  # also one that was not foreseen
             self._unread = repr(error)
@@ -179,7 +179,7 @@ class Observation:
             try:
                 points, _, _ = points_of_scan(scan, self._most())
             except RefusedError:
-                if self._strict or len(scan.ranges) > self._most():
+                if self.strict or len(scan.ranges) > self._most():
                     raise
                 points = np.empty((0, 3))
             return None, points, scan.header
@@ -215,7 +215,7 @@ class Observation:
         """Return the points (n, 3) about the base now; InvalidError where they are not known."""
         settings, limit = self.settings, int(self.settings.source_timeout * NANOSECONDS)
         reason = self._unread.partition(":")[0]
-        if reason and (self._strict or reason in (OUT_OF_RANGE, NO_FIELD)):
+        if reason and (self.strict or reason in (OUT_OF_RANGE, NO_FIELD)):
             is_read = reason in (OUT_OF_RANGE, NOTHING_VALID, AHEAD)
             code = "refused" if is_read else "input_unreadable"
             raise InvalidError(code, self._unread)
@@ -231,7 +231,7 @@ class Observation:
     def _age(self, part: Part, now: int) -> int:
         """Return the age (ns) by the stamp, and where it is strict by receipt if that is longer."""
         stamp = stamp_from_ros(part.header.stamp)
-        if not self._strict:
+        if not self.strict:
             return now - stamp
         if stamp - now > MOST_AHEAD:  # the clock of the node was set back
             return FOREVER

@@ -208,6 +208,10 @@ def test_what_is_missing_stops_with_its_code(rig: BaseRig) -> None:
     rig.see_points((5.0, 0.0))
     assert rig.answer_to(*GO) == GO
     rig.says_state(reason="", action="none")
+    rig.set(fail_closed=False)
+    give(rig, rig_scan(rig, [np.nan, 0.001]))
+    assert rig.answer_to(*GO) == GO, "as nav2"
+    rig.set(fail_closed=True)
 
 
 def rig_scan(rig: BaseRig, ranges: Any, **fields: Any) -> Any:
