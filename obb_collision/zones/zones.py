@@ -20,7 +20,7 @@ The names of parameters and what they mean are those of nav2_collision_monitor.
 
 from __future__ import annotations
 
-import json
+import ast
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -148,8 +148,8 @@ class Zone:
 def polygon_from_text(text: str) -> Outline:
     """Read '[[x, y], ...]' (m), four corners or more; ValueError for anything else."""
     try:
-        corners = np.array(json.loads(text), np.float64)
-    except (ValueError, TypeError, OverflowError):
+        corners = np.array(ast.literal_eval(text.strip()), np.float64)
+    except (ValueError, TypeError, OverflowError, SyntaxError):
         corners = np.empty(0)
     if corners.ndim != 2 or corners.shape[1] != 2 or not np.isfinite(corners).all():
         raise ValueError(f"{shown(text)} is not like '[[0.5, 0.25], [0.5, -0.25], ...]'")

@@ -155,6 +155,16 @@ def test_max_points_counts_from_the_other_side() -> None:
     assert zones[0].settings.min_points == 4
 
 
+@each(
+    "text",
+    ["[[.5, +1], [5e-1, -1.], [-.5, -1.], [-.5, 1]]", " [ [0.5,1],[0.5,-1],[-.5,-1],[-0.5,1.0] ]"],
+)
+def test_numbers_in_points_are_those_of_nav2(text: str) -> None:
+    outline = read({"Z": STOP | {"points": text}}).zones()[0].outline
+    assert outline is not None
+    assert outline.corners.tolist() == [[0.5, 1.0], [0.5, -1.0], [-0.5, -1.0], [-0.5, 1.0]]
+
+
 def test_shapes_come_from_parameters_or_topics() -> None:
     bare = without(STOP, "points")
     footprint = bare | {"action_type": "approach"}
