@@ -392,7 +392,7 @@ class CollisionNode(ManagedNode):
         self._make_timer(reporting.PERIOD, report)
         # each at once: the executor takes one request per service between two cycles
         self.parameters.on_change = self.guard.catching("parameters")(self._apply_parameters)
-        self.parameters.on_check = self.kernels.check
+        self.parameters.on_check = self._check_parameters
         for service in (
             self.create_service(Trigger, "~/clear", self._clear),
             self.create_service(SetBool, "~/enable", self._enable),
@@ -466,6 +466,13 @@ class CollisionNode(ManagedNode):
         policies = parameters.stale_policy, *dict(parameters.stale_policy_overrides).values()
         wanted = parameters.mode("sweep") != OFF or COLLIDE in policies
         return wanted or bool(parameters.robots)
+
+    def _check_parameters(self, changed: Parameters) -> None:
+        """Raise ValueError for parameters that cannot be used, or not together."""
+        self.kernels.check(changed)
+        if changed.gate is not None:
+            changed.gate.zones()
+            changed.gate.exclusions()
 
     def _apply_parameters(self) -> None:
         parameters = self.parameters

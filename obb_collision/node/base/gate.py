@@ -216,8 +216,10 @@ class Gate:
 
     def apply(self) -> None:
         """Use the parameters that are live."""
-        for zone in self.zones:
-            zone.settings = self._given.settings(zone.name)
+        self._exclusions = self._given.exclusions()
+        for zone, changed in zip(self.zones, self._given.zones(), strict=True):
+            zone.settings, zone.parts = changed.settings, changed.parts
+            zone.outline = changed.outline or zone.outline
         for sensor, settings in zip(self._sensors, self._given.sources(), strict=True):
             sensor.settings, sensor.strict = settings, self._values.fail_closed
 

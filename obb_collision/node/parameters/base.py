@@ -106,21 +106,23 @@ HEIGHTS = (
     Spec("max_height", FAR, ANY).means("Points and parts of objects above do not count (m)."),
 )
 ZONE = (
-    Spec("type", "", choices=SHAPES).means("Type of the shape."),
+    Spec("type", "", choices=SHAPES, fixed=True).means("Type of the shape."),
     Spec("action_type", "", choices=ACTIONS).means("What is done if enough is inside."),
     Spec("points", "", optional=True).means(
         "Corners of a polygon in the frame of the base (m), '[[x, y], ...]', at least four."
     ),
     Spec("radius", -1.0, ANY).means("Radius of a circle (m)."),
-    Spec("polygon_sub_topic", "", optional=True).means(
+    Spec("polygon_sub_topic", "", fixed=True, optional=True).means(
         "Topic of the shape, if it is no parameter: PolygonStamped, for circles Float32 (m)."
     ),
-    Spec("polygon_subscribe_transient_local", False).means("Whether that topic is latched."),
-    Spec("footprint_topic", "local_costmap/published_footprint", optional=True).means(
+    Spec("polygon_subscribe_transient_local", False, fixed=True).means(
+        "Whether that topic is latched."
+    ),
+    Spec("footprint_topic", "local_costmap/published_footprint", fixed=True, optional=True).means(
         "Topic of the footprint, for approach without other shapes: PolygonStamped."
     ),
-    _names("velocity_polygons").means("Names of the parts of a velocity polygon."),
-    Spec("holonomic", False).means("Whether parts are chosen by speed and direction."),
+    _names("velocity_polygons", fixed=True).means("Names of the parts of a velocity polygon."),
+    Spec("holonomic", False, fixed=True).means("Whether parts are chosen by speed and direction."),
     Spec("enabled", True).means("Whether the zone acts."),
     Spec("min_points", 4, (1, MANY[1])).means("Number of points inside that are enough."),
     Spec("max_points", -1, MANY).means("Deprecated by nav2: min_points - 1."),
@@ -138,8 +140,8 @@ ZONE = (
     Spec("release_consecutive_points", 1, MANY).means(
         "Commands in a row without enough inside until the zone ends to act."
     ),
-    Spec("visualize", False).means("Whether the zone is published, once per command."),
-    Spec("polygon_pub_topic", "", optional=True).means("Its topic, by default NAME."),
+    Spec("visualize", False, fixed=True).means("Whether the zone is published, once per command."),
+    Spec("polygon_pub_topic", "", fixed=True, optional=True).means("Its topic, by default NAME."),
     Spec("allow_leaving", False).means(
         "Whether a stop zone allows commands by which footprint comes nearer to nothing inside."
     ),
@@ -161,10 +163,10 @@ DIRECTION = (
     Spec("direction_end_angle", math.pi, ANY).means("Last direction, turning left (rad)."),
 )
 SOURCE = (
-    Spec("type", OBSERVATIONS[0], choices=OBSERVATIONS).means(
+    Spec("type", OBSERVATIONS[0], choices=OBSERVATIONS, fixed=True).means(
         "Messages: LaserScan, PointCloud2, Range or PolygonInstanceStamped."
     ),
-    Spec("topic", "scan").means("Topic."),
+    Spec("topic", "scan", fixed=True).means("Topic."),
     Spec("enabled", True).means("Whether the source counts, and is missed."),
     Spec("source_timeout", 2.0, (0.0, FAR)).means(
         "Age limit (s), by default that of the node. 0: none, and it is never missed."
@@ -242,6 +244,10 @@ class GateParameters:
         groups = {name.partition(".")[0] for name in names}
         given = (key for key in self._given if key.partition(".")[0] in groups)
         return [key for key in given if key not in self.values]
+
+    def with_values(self, values: Mapping[str, Any]) -> GateParameters:
+        """Return these parameters with other values."""
+        return GateParameters(self._declare, values, self._given)
 
     def _group(self, group: str, specs: Iterable[Spec], required: Collection[str] = ()) -> None:
         for name in required:

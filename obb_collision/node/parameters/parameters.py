@@ -189,6 +189,8 @@ class Parameters:
                     raise ValueError(f"{parameter.name} cannot be removed")
             changed = copy(self)
             changed._values = {**self._values, **self._read(parameters)}
+            if self.gate is not None:
+                changed.gate = self.gate.with_values(changed._values)
             _check_together(changed._values)
             self.on_check(changed)
         except Exception as error:  # whatever the reader raises: the value is refused

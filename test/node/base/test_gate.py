@@ -167,7 +167,19 @@ def test_live_parameters(rig: BaseRig) -> None:
     assert rig.answer_to(*GO) == ZERO
     rig.set(**{"front.enabled": False})
     assert rig.answer_to(*GO) == GO, "a source that is off is neither seen nor missed"
-    rig.set(**{"front.enabled": True})
+    rig.set(**{"front.enabled": True, "Stop.points": "[[1, 1], [1, 2], [2, 2], [2, 1]]"})
+    assert rig.answer_to(*GO) == (0.25, 0.05, -0.1), "the zone is elsewhere"
+    assert not rig.set(**{"Slow.type": "circle"})[0].successful, "read at the start"
+
+
+@each("name, value", [("allow_leaving", True), ("sources_names", ["nobody"]), ("points", "[]")])
+def test_what_zones_cannot_be_made_of_is_refused_and_others_stay_live(
+    rig: BaseRig, name: str, value: Any
+) -> None:
+    rig.see_points((0.2, 0.0))
+    assert not rig.set(**{f"Stop.{name}": value})[0].successful
+    rig.set(**{"Stop.enabled": False})
+    assert rig.answer_to(*GO) == (0.25, 0.05, -0.1)
 
 
 def toggled(rig: BaseRig, on: bool) -> None:
