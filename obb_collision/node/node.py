@@ -347,8 +347,7 @@ class CollisionNode(ManagedNode):
         parameters, fixed = self.parameters, self.parameters.fixed_frame
         names = parameters.odom_frame_id, parameters.base_frame_id, fixed
         odom, base, scene = (lookup_in(self.frames, fixed, name) for name in names)
-        chosen = parameters.zone_objects, parameters.own_objects
-        objects = SceneObjects(self.objects.scene, *chosen)
+        objects = SceneObjects(self.objects.scene, parameters)
         view = View(self._take_newest, self._gate_faults, objects, odom, base, scene)
         self.reporting.more.append(partial(self._gate_part, gate))
         self.undo.callback(gate.end)

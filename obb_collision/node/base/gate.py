@@ -162,7 +162,9 @@ class Gate:
         elif parameters.state_topic:
             node.get_logger().warning("state_topic: nav2_msgs cannot be used, ~/base_state is")
         self._tell(None, Fault("unconfigured"))
-        node.create_subscription(kind, parameters.cmd_vel_in_topic, self._command, 1)
+        heard = node.create_subscription(kind, parameters.cmd_vel_in_topic, self._command, 1)
+        if heard.topic_name == self._out.topic_name:  # it would answer its own answers
+            raise ValueError(f"cmd_vel_in_topic and cmd_vel_out_topic are {heard.topic_name!r}")
 
     @property
     def _given(self) -> GateParameters:

@@ -27,6 +27,7 @@ from obb_collision.accuracy import Accuracy
 from obb_collision.geometry.poses import as_poses, compose_poses, inverse_poses
 from obb_collision.geometry.trees.convex_proxy import outer_points
 from obb_collision.node.base.observations import placed
+from obb_collision.node.parameters.parameters import Parameters
 from obb_collision.scene.building.shape_cache import BOX, CLOUD
 from obb_collision.scene.scene import Scene
 from obb_collision.scene.store.patterns import matching
@@ -43,16 +44,18 @@ MOST_POINTS = 2000
 
 
 class SceneObjects:
-    """Finds the objects of a scene that count, near a base. chosen, own: names and patterns."""
+    """Finds the objects of a scene that count, near a base, by parameters that are live."""
 
-    def __init__(self, scene: Scene, chosen: list[str], own: list[str]) -> None:
-        self._scene, self._chosen, self._own = scene, chosen, own
-        self._counted: tuple[int, Mask] = (0, np.empty(0, np.bool_))
+    def __init__(self, scene: Scene, parameters: Parameters) -> None:
+        self._scene, self._parameters = scene, parameters
+        self._key: tuple[object, ...] = ()
+        self._counted: Mask = np.empty(0, np.bool_)
+        """Which slots of the scene count, for this version of it and these parameters."""
 
     @property
     def is_empty(self) -> bool:
         """Whether no object counts."""
-        return not self._chosen or len(self._scene) == 0
+        return not self._parameters.zone_objects or len(self._scene) == 0
 
     def about(
         self, points: Mapping[str, Floats], base_pose: Callable[[], Floats], reach: float
@@ -64,10 +67,11 @@ class SceneObjects:
         if self.is_empty:
             return gate.Surroundings(points)
         store, pose = self._scene.objects.store, base_pose()
-        if self._counted[0] != store.version:
-            counted = matching(self._chosen, store.names) & ~matching(self._own, store.names)
-            self._counted = store.version, counted
-        slots = np.flatnonzero(store.used & store.enabled & self._counted[1])
+        chosen, own = self._parameters.zone_objects, self._parameters.own_objects
+        if self._key != (store.version, chosen, own):
+            self._key = store.version, chosen, own
+            self._counted = matching(chosen, store.names) & ~matching(own, store.names)
+        slots = np.flatnonzero(store.used & store.enabled & self._counted)
         offsets, halves = store.centers[slots] - pose[:3], store.half_extents[slots]
         distances = np.sqrt((offsets**2).sum(axis=1)) - np.sqrt((halves**2).sum(axis=1))
         slots = slots[distances <= reach]

@@ -306,6 +306,11 @@ def test_objects_of_the_scene_count_too(rig: BaseRig) -> None:
     rig.until(lambda: len(rig.node.objects.table) == 1, "the object")
     assert rig.answer_to(*GO) == (0.25, 0.05, -0.1)
     rig.says_state(action="slowdown", who="a/1")
+    for name, value, normal in (("own_objects", "a/*", ""), ("zone_objects", "b/*", "*")):
+        rig.set(**{name: [value]})
+        assert rig.answer_to(*GO) == GO, name
+        rig.set(**{name: [normal]})
+        assert rig.answer_to(*GO) == (0.25, 0.05, -0.1)
     rig.send(cube(A1, (0.6, 0.0, 0.0), (0.4, 0.4, 0.4), frame="nowhere"))
 
     def is_late() -> bool:
@@ -406,6 +411,11 @@ def test_zeros_end_as_those_of_nav2() -> None:
         rig.gate.now = clock
         rig.cycles(60)
         assert rig.safe == [], "and no command is no reason to say anything"
+
+
+def test_the_same_topic_for_commands_and_answers_is_refused() -> None:
+    with pytest.raises(ValueError, match="cmd_vel_in_topic and cmd_vel_out_topic"):
+        BaseRig({}, cmd_vel_out_topic="cmd_vel_smoothed")
 
 
 def test_in_other_states_each_command_is_zero() -> None:
