@@ -167,6 +167,7 @@ class Robot:
     edge: float = 0.0
     refused: bool = False
     is_known: bool = False
+    base_ages: bool = False
     base: Joint = field(default_factory=Joint)
     changed: bool = False
 
@@ -195,9 +196,10 @@ class Robot:
     def spans_at(self, stamp: float, ages: bool) -> list[tuple[float, float]] | None:
         """Return from where to where links were at a stamp, 0: now; None where it is not known.
 
-        ages: whether joints do; else the nearest place is taken for known.
+        ages: whether joints do. Where neither they nor the base do, the nearest place is known.
         """
-        until = min(joint.since for joint in self.joints) if ages else inf
+        aging = [*self.joints] * ages + [self.base] * self.base_ages
+        until, ages = min((one.since for one in aging), default=inf), bool(aging)
         if not all(self.trails) or until < stamp:
             return None
         spans = []
@@ -215,6 +217,7 @@ class Robot:
         if self.refused or not self.links:
             return {"robot_unknown"}
         limit = self.limit(given) if self.base.repeated else self.limit(given | {TIMEOUT: 0.0})
+        self.base_ages = limit > 0.0
         found = {"base_unknown"} if self.base.is_unknown(now, limit) else set()
         if any(joint.is_unknown(now, given["joint_timeout"]) for joint in self.joints):
             found.add("joint_unknown")

@@ -217,7 +217,8 @@ def _declare(node: Node, spec: Spec) -> Any:
     if node.has_parameter(spec.name):  # since the node was configured before
         return node.get_parameter(spec.name).value
     try:
-        empty = is_empty_list(parameter_overrides(node).get(spec.name))
+        is_list = isinstance(spec.default, list)
+        empty = not is_list and is_empty_list(parameter_overrides(node).get(spec.name))
         descriptor = spec.descriptor()
         return node.declare_parameter(
             spec.name, spec.default, descriptor, ignore_override=empty
