@@ -33,9 +33,14 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from obb_collision.node.diagnostics.answer import make_status
 from obb_collision.node.diagnostics.monitors import InputMonitor
 from obb_collision.node.messages.cdr import Header, Reader
-from obb_collision.node.messages.conversions import LARGEST_COORDINATE, NANOSECONDS, stamp_from_ros
+from obb_collision.node.messages.conversions import (
+    LARGEST_COORDINATE,
+    NANOSECONDS,
+    duration_to_ros,
+    stamp_from_ros,
+)
 from obb_collision.node.messages.errors import RefusedError
-from obb_collision.node.robots.checked_robot import CheckedRobot, portions
+from obb_collision.node.robots.checked_robot import CheckedRobot, Stopping, portions
 from obb_collision.node.robots.joints import Joints
 from obb_collision.node.runtime.guard import INTERNAL_ERROR
 from obb_collision.robots.kinematics.splines import (
@@ -63,6 +68,10 @@ DECISION_TIME = 2 * NANOSECONDS
 LONGEST_CHECK, QUICK = 0.5, 0.005
 """Seconds for which a cycle may wait for all pieces of a trajectory, and of a quick portion:
 one piece of a joint that turns a million times takes up to 30 ms."""
+BRAKE_STEP, MOST_STEPS = 0.02, 100
+"""Seconds between points of a trajectory that brakes, and most of them."""
+WIDER = 5
+"""How often the time to brake is made longer, for pieces that are then on the way."""
 NOT_FREE = "not free"
 MOVED = "a joint outside the trajectory has moved"
 
@@ -169,6 +178,49 @@ class Running:
             joint_names=self.names, points=[JointTrajectoryPoint(positions=positions)]
         )
 
+    def brake(self, stopping: Stopping, now: int, tolerance: float) -> JointTrajectory | None:
+        """Return a trajectory that comes to rest along the pieces; None where that is not known.
+
+        It begins where the joints are by now: where they were, and on along the pieces since then.
+        """
+        joints, elapsed = self.joints, (now - self.begin) / NANOSECONDS
+        pieces = self.pieces.take(self.pieces.finishes > self.pieces.begins)
+        if stopping.lacking or joints.unclear[self.columns].any():
+            return None
+        ahead = np.flatnonzero((pieces.finishes > self.passed) & (pieces.begins <= elapsed))
+        near = ahead[distances_from(pieces.take(ahead), joints.positions) <= tolerance]
+        slopes = (pieces.ends - pieces.starts) / (pieces.finishes - pieces.begins)[:, None]
+        if len(near) == 0 or not (square := float(slopes[near[0]] @ slopes[near[0]])) > 0.0:
+            return None
+        first, slope = int(near[0]), slopes[near[0]]
+        share = min(1.0, float(joints.velocities @ slope) / square)  # of the planned speed
+        if share <= 0.0:
+            return None
+        since = (joints.positions - pieces.starts[first]) @ slope / square
+        heard = float(np.clip(pieces.begins[first] + since, pieces.begins[first], None))
+        age = max(0.0, (now - int(joints.since[self.columns].min())) / NANOSECONDS)
+        at, braking = min(heard + share * age, max(elapsed, heard)), stopping.time(slope)
+        for _ in range(WIDER):  # the faster the pieces on the way, the longer it takes
+            on_way = (pieces.finishes > at) & (pieces.begins < at + 0.5 * share * share * braking)
+            braking = max(braking, stopping.time(np.abs(slopes[on_way]).max(axis=0, initial=0.0)))
+        end = share * braking
+        times = np.linspace(0.0, end, 1 + int(np.clip(np.ceil(end / BRAKE_STEP), 1, MOST_STEPS)))
+        ways = at + share * times * (1.0 - 0.5 * times / end)
+        rows = np.searchsorted(pieces.begins, ways, side="right") - 1
+        rates = share * (1.0 - times / end)[:, None] * slopes[rows]
+        rates[(times == end) | (ways >= pieces.finishes[-1])] = 0.0
+        knots = np.append(pieces.begins, pieces.finishes[-1])
+        states = np.vstack([pieces.starts, pieces.ends[-1:]])
+        points = [
+            JointTrajectoryPoint(
+                positions=[float(np.interp(way, knots, states[:, c])) for c in self.columns],
+                velocities=rate[self.columns].tolist(),
+                time_from_start=duration_to_ros(time),
+            )
+            for time, way, rate in zip(times[1:].tolist(), ways[1:], rates[1:], strict=True)
+        ]
+        return JointTrajectory(joint_names=self.names, points=points)
+
 
 def whole_point(point: Point, columns: list[int], joints: Joints) -> Point:
     """Return a point with all joints: others stay where they are."""
@@ -250,7 +302,7 @@ class Trajectories:
             if not trajectory.points:
                 running, self.running = self.running, None
                 if running is not None:
-                    self._forward.publish(running.hold())
+                    self._slow_down(running)
                 self._forward.publish(data)
                 self._say(DiagnosticStatus.OK, "forwarded: a stop")
                 return
@@ -367,10 +419,23 @@ class Trajectories:
     def _stop(self, running: Running, error: RefusedError) -> None:
         """Stop the robot: ``joint_trajectory_controller`` refuses trajectories without points."""
         self.running = None
-        self._forward.publish(running.hold())
-        self._forward.publish(JointTrajectory(joint_names=running.names))
+        if not self._slow_down(running):
+            self._forward.publish(JointTrajectory(joint_names=running.names))
         self.stopped = f"trajectory stopped: {error}"
         self._say(DiagnosticStatus.ERROR, f"stopped: {error}", error)
+
+    def _slow_down(self, running: Running) -> bool:
+        """Send a trajectory that ends the running one; return whether it brakes along it."""
+        tolerance = self._parameters.trajectory_start_tolerance
+        braking = None
+        try:
+            if self._checked.robot is running.robot:
+                braking = running.brake(self._checked.stopping, self._clock(), tolerance)
+        except RefusedError:
+            pass  # there is no robot any more
+        finally:  # whatever fails, it is stopped
+            self._forward.publish(running.hold() if braking is None else braking)
+        return braking is not None
 
     def clock_jumped(self, shift: int) -> None:
         """Shift times by a jump of the clock (ns)."""

@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -258,6 +259,60 @@ def test_a_trajectory_is_stopped_for_each_reason_that_can_come(rig: AskingRig) -
     hold, empty = rig.forwarded
     assert [list(point.positions) for point in hold.points] == [[0.0, 0.5]]
     assert empty == sent
+
+
+FAST = URDF.replace('upper="3"', 'upper="3" velocity="2"')
+DECELERATION = 2.0
+
+
+@each("curved", [False, True])
+def test_a_stop_brakes_along_the_trajectory(rig: AskingRig, curved: bool) -> None:
+    """Within decelerations, as ``joint_trajectory_controller`` moves from point to point."""
+    rig.read(FAST)
+    rig.set(joint_decelerations=[f"arm/*: {DECELERATION}"], trajectory_start_tolerance=0.02)
+    rest = (NONE,) if curved else ()
+    speeds = {"lift": 0.3, "turn": 1.0}
+    rig.move()
+    rig.begin([(0.0, NONE, *rest), (2.0, [0.6, 2.0], *rest)])
+    rig.ends.trajectories.running.begin -= 500_000_000  # half a second has passed since
+    begin = {"lift": 0.15, "turn": 0.5} if not curved else {"lift": 0.09375, "turn": 0.3125}
+    if curved:  # 3/4 t^2 - 1/4 t^3 of 2 rad, at t = 0.5 s
+        speeds = {"lift": 0.3 * 1.125, "turn": 1.125}
+    rig.send_joints(speeds, **begin)
+    rig.until(lambda: rig.robot.joints.velocities.any(), "the joints")
+    rig.put((0.0, 1.0, 0.97))
+    rig.until(lambda: rig.forwarded, "the stop")
+    said = rig.until(lambda: rig.said, "why")[0].message
+    assert said.startswith(f"stopped: {HIT}")
+    (stop,) = rig.forwarded
+    assert stop.joint_names == list(BOTH)
+    here = np.array([[begin[name] for name in BOTH], [speeds[name] for name in BOTH]])
+    points = [np.array([point.positions, point.velocities]) for point in stop.points]
+    times = [p.time_from_start.sec + 1e-9 * p.time_from_start.nanosec for p in stop.points]
+    assert not points[-1][1].any()
+    first = points[0][0] - here[0]
+    assert 0.0 < first[1] < 0.2, "not back to where it was heard last"
+    for (before, start), (after, end) in pairwise(zip(points, times, strict=True)):
+        time = end - start
+        assert (after[0] >= before[0]).all()
+        np.testing.assert_allclose(after[0][0], 0.3 * after[0][1], atol=2e-3)
+        mean = (before[1] + after[1]) / 2.0
+        np.testing.assert_allclose((after[0] - before[0]) / time, mean, atol=0.02)
+        assert (np.abs(after[1] - before[1]) / time <= DECELERATION * 1.1).all()
+    way = points[-1][0][1] - points[0][0][1]
+    peak = 1.5 if curved else 1.0  # of the turn, which goes faster at first
+    assert 0.75 * speeds["turn"] ** 2 < 2.0 * DECELERATION * way < peak**2
+
+
+def test_where_velocities_are_unknown_a_stop_holds_the_latest_position() -> None:
+    with AskingRig({"joint_decelerations": [f"arm/*: {DECELERATION}"]}) as rig:
+        rig.start_robot(FAST)
+        rig.stamp += 2_000_000_000  # so long ago that no difference says how fast it is
+        rig.send_joints({"turn": NAN, "lift": NAN}, lift=0.0, turn=0.0).answer()
+        rig.begin([(0.0, NONE), (1000.0, [0.0, 2.0])])
+        rig.put(THERE)
+        rig.stopped()
+        assert [list(point.positions) for point in rig.forwarded[0].points] == [NONE]
 
 
 SHORT = [(0.0, [0.0, 0.0]), (0.001, [0.0, np.pi / 2]), (0.002, [0.5, np.pi / 2])]
