@@ -185,7 +185,7 @@ class Parameters:
             for parameter in parameters:
                 if not parameter.name:  # rclpy takes it for declared
                     raise ValueError("a parameter needs a name")
-                if parameter.name in self._specs and parameter.value is None:
+                if parameter.value is None and self._is_declared(parameter.name):
                     raise ValueError(f"{parameter.name} cannot be removed")
             changed = copy(self)
             changed._values = {**self._values, **self._read(parameters)}
@@ -196,6 +196,9 @@ class Parameters:
         except Exception as error:  # whatever the reader raises: the value is refused
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
+
+    def _is_declared(self, name: str) -> bool:
+        return name in self._specs and self._node.has_parameter(name)
 
     def _update(self, parameters: Sequence[Parameter]) -> None:
         ours = self._read(parameters)
