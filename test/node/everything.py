@@ -162,7 +162,8 @@ def urdf_of(folder: Path) -> str:
     shapes = "".join(
         f"<collision><geometry>{shape.format(folder)}</geometry></collision>" for shape in SHAPES
     )
-    return URDF.replace('<link name="column">', f'<link name="column">{shapes}', 1)
+    fast = URDF.replace('upper="3"', 'upper="3" velocity="1"')
+    return fast.replace('<link name="column">', f'<link name="column">{shapes}', 1)
 
 
 def ask(rig: AskingRig) -> None:
@@ -180,6 +181,12 @@ def ask(rig: AskingRig) -> None:
         rig.ask(states[:count])
     rig.set(state_validity_distance=1.0)
     rig.ask(states)
+    rig.ask_path(states[:50])
+    rig.set(joint_decelerations=["arm/*: 2.0"])
+    for lift, turn in ((0.0, 0.0), (0.1, 0.5), (-0.1, -0.5)):  # at rest, towards and away
+        rig.move({"lift": lift, "turn": turn}, lift=0.1, turn=0.2)
+        rig.cycles(2)
+    rig.set(joint_decelerations=[""])
     rig.set(trajectory_margin=1e-4)
     still = [0.0, 0.0]
     rig.publish([(500.0 * n, [lift, 0.2], still) for n, lift in enumerate((0.1, 0.2, 0.1))])

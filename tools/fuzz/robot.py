@@ -114,7 +114,9 @@ class RobotMessages:
             "robot_description_semantic": (String, lambda: self._description(1)),
             "joint_states": (JointState, self._joints),
             "states_to_check": (PointCloud2, self._states),
+            "path_to_check": (PointCloud2, self._states),
             "trajectory_in": (JointTrajectory, self._trajectory),
+            "jog_in": (JointTrajectory, self._trajectory),
         }
         self.makers = {f"{ROBOT}/{topic}": maker for topic, maker in makers.items()}
 
