@@ -35,8 +35,8 @@ import numpy as np
 from obb_collision._jit import njit
 from obb_collision.typing import Floats, Mask, Rows
 
-SLACK = 1e-9
-"""Metres: nearer than this to a border is on it."""
+SLACK = 1e-6
+"""Metres: nearer than this to a border is on it. Coordinates in messages are singles."""
 NEAR = 1e-6
 """Metres by which edges are longer when crossings are looked for; more of them do no harm."""
 BLUR = 1e-12

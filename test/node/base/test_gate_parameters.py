@@ -31,6 +31,7 @@ from pages import ROOT, code_blocks
 from obb_collision.node.parameters.base import NODE, GateParameters, node_specs
 from obb_collision.node.parameters.entries import Spec
 from obb_collision.node.parameters.parameters import SPECS
+from obb_collision.zones.outlines import count_inside
 
 STOP = zone("stop")
 CIRCLE = {"type": "circle", "action_type": "stop", "radius": 0.4}
@@ -163,6 +164,14 @@ def test_numbers_in_points_are_those_of_nav2(text: str) -> None:
     outline = read({"Z": STOP | {"points": text}}).zones()[0].outline
     assert outline is not None
     assert outline.corners.tolist() == [[0.5, 1.0], [0.5, -1.0], [-0.5, -1.0], [-0.5, 1.0]]
+
+
+def test_what_a_message_says_is_on_a_border_is_inside() -> None:
+    zones = read({"Z": STOP | {"points": "[[4.7, 0.3], [4.7, -0.3], [0, -0.3], [0, 0.3]]"}})
+    shape = zones.zones()[0].outline
+    assert shape is not None
+    points = np.array([[0.1, 0.3], [0.1, -0.3], [4.7, 0.1], [4.7, 0.3]], np.float32)
+    assert count_inside(points.astype(np.float64), *shape, np.empty(4, np.bool_)) == 4
 
 
 def test_shapes_come_from_parameters_or_topics() -> None:
