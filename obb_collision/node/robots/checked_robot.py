@@ -52,6 +52,8 @@ from obb_collision.typing import Floats, Rows
 SCENE_NOT_KNOWN = "scene not known"
 FEW = 4
 """Rows of a portion, at least."""
+MOST_SCENES = 3
+"""Scenes of a robot that are kept: without margin, with those of trajectories and of the stop."""
 
 
 class Attachment(NamedTuple):
@@ -220,6 +222,8 @@ class CheckedRobot:
             scene, named = self.objects.scene, {self.input.name: robot}
             checker = NodeRobotScene(named, scene, Accuracy.HULL, bases=[base], padding=padding)
             checker.link_objects = self.links.names
+            kept = [(p, one) for p, one in self._made.items() if one[0] is robot and p != padding]
+            self._made = dict(kept[1 - MOST_SCENES :])
             made = self._made[padding] = robot, {}, checker
         checker = made[2]
         checker.bases = base[None]

@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Iterator
 from time import monotonic
 from types import SimpleNamespace
@@ -34,6 +35,7 @@ from test_attached_and_hostile import held, put
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from obb_collision.node.robots import speed as speeds
+from obb_collision.node.robots.checked_robot import MOST_SCENES, NodeRobotScene
 from obb_collision.typing import Floats
 
 ABOVE = (1.0, 0.0, 1.25)
@@ -224,6 +226,14 @@ def test_a_jog_says_where_a_robot_at_rest_will_go(directed: Speed) -> None:
     rig.until(lambda: directed.scales[-1] == rests[1], "the end of the jog")
     assert scale(0.57) == scale(0.57, 5.0) == scale(0.57, NAN) == 0.0
     assert set(rig.refused("arm/jog_in")) == {"bad point"}
+
+
+def test_scenes_of_margins_that_are_no_longer_set_are_dropped(directed: Speed) -> None:
+    for number in range(8):
+        directed.rig.set(speed_stop_distance=0.05 + 0.001 * number)
+        directed.of(0.45, 0.1, 0.0)
+    gc.collect()
+    assert sum(isinstance(thing, NodeRobotScene) for thing in gc.get_objects()) <= MOST_SCENES
 
 
 def test_by_direction_objects_come_nearer_too(directed: Speed) -> None:
