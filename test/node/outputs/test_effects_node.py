@@ -232,9 +232,9 @@ def test_an_effect_that_fails_is_reported_and_the_cycle_goes_on(monkeypatch: Pat
         rig.next("contacts")
         broken = Mock(side_effect=FloatingPointError("no patch today"))
         monkeypatch.setattr(contacts, "pair_contacts", broken)
-        scene.step()
 
-        def failed() -> dict[str, str] | None:  # cycles may be late, too, which is also a warning
+        def failed() -> dict[str, str] | None:  # cycles may be late, too, which is said instead
+            scene.step()
             status = rig.status(": cycle")
             return status if "effects failed" in status["message"] else None
 
