@@ -195,12 +195,12 @@ def has_gate(overrides: Collection[str]) -> bool:
 
 
 def node_specs(specs: Iterable[Spec], overrides: Mapping[str, Any]) -> list[Spec]:
-    """Return the parameters of a node, with those of a gate where it has one."""
+    """Return the parameters of a node, with the defaults of a gate where it has one."""
     if not has_gate(overrides):
         return [*specs]
     defaults = DEFAULTS | {"fixed_frame": overrides.get("odom_frame_id", DEFAULTS["fixed_frame"])}
     changed = (replace(spec, default=defaults.get(spec.name, spec.default)) for spec in specs)
-    return [*changed, *NODE]
+    return [*changed]
 
 
 def group_names(values: Mapping[str, Any]) -> list[str]:

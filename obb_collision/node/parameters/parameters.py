@@ -24,12 +24,13 @@ from typing import Any
 
 from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
-from rclpy.exceptions import InvalidParameterTypeException
+from rclpy.exceptions import InvalidParameterTypeException, ParameterException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from obb_collision.geometry.shapes.files import MeshFolders
 from obb_collision.node.parameters.base import (
+    NODE,
     GateParameters,
     group_names,
     has_gate,
@@ -83,6 +84,16 @@ class Parameters:
         self._add(node_specs(SPECS, given))
         self.gate = GateParameters(self._add, self._values, given) if has_gate(given) else None
         """Those of a mobile base, if there is one."""
+        self._unusable: dict[str, str] = {}
+        """Why parameters of the gate can't be used: the node can't be configured, as nav2's."""
+        for spec in NODE if self.gate is not None else ():
+            try:
+                self._add([spec])
+            except (ValueError, ParameterException) as error:
+                self._unusable[spec.name] = str(error)
+                self._values[spec.name] = spec.read(spec.default)
+                if not node.has_parameter(spec.name):
+                    _declare(node, spec, ignore_override=True)
         names = self._values["sources"]
         check_names(names, {name.partition(".")[0] for name in (*SPEC_OF, *RESERVED)})
         for name in names:
@@ -104,6 +115,8 @@ class Parameters:
     def declare_gate(self) -> list[str]:
         """Declare the parameters of zones; ValueError. Returns those given that are not used."""
         assert self.gate is not None
+        for reason in self._unusable.values():
+            raise ValueError(reason)
         names = {name.partition(".")[0] for name in (*SPEC_OF, *RESERVED)}
         return self.gate.declare(names.union(self._values["sources"]))
 
@@ -203,6 +216,8 @@ class Parameters:
     def _update(self, parameters: Sequence[Parameter]) -> None:
         ours = self._read(parameters)
         self._values.update(ours)
+        for name in ours:
+            self._unusable.pop(name, None)
         if ours:  # others are declared while a subscription is made
             self.on_change()
 
@@ -215,7 +230,7 @@ class Parameters:
         }
 
 
-def _declare(node: Node, spec: Spec) -> Any:
+def _declare(node: Node, spec: Spec, ignore_override: bool = False) -> Any:
     """Declare a parameter, and return its value; ValueError for an integer in place of a float."""
     if node.has_parameter(spec.name):  # since the node was configured before
         return node.get_parameter(spec.name).value
@@ -224,7 +239,7 @@ def _declare(node: Node, spec: Spec) -> Any:
         empty = not is_list and is_empty_list(parameter_overrides(node).get(spec.name))
         descriptor = spec.descriptor()
         return node.declare_parameter(
-            spec.name, spec.default, descriptor, ignore_override=empty
+            spec.name, spec.default, descriptor, ignore_override=empty or ignore_override
         ).value
     except InvalidParameterTypeException as error:
         if not isinstance(spec.default, float):

@@ -460,6 +460,14 @@ def test_as_nav2_it_is_silent_in_other_states_and_a_bad_zone_leaves_it_unconfigu
         assert rig.answer_to(*GO) == GO
 
 
+def test_an_integer_for_a_double_of_the_node_leaves_it_unconfigured() -> None:
+    with BaseRig({"Stop": zone("stop")}, autostart=False, source_timeout=2) as rig:
+        assert not rig.change(CONFIGURE)
+        assert rig.state() == "unconfigured"
+        rig.set(source_timeout=2.0)
+        rig.go_through(CONFIGURE)
+
+
 def test_a_source_that_is_killed_stops_within_its_limit() -> None:
     source = SCAN | {"source_timeout": 0.3}
     with BaseRig({"Stop": zone("stop")}, {"front": source}) as rig:
