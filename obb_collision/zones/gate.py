@@ -252,5 +252,6 @@ def compile_kernels() -> None:
         for action in (STOP, APPROACH):
             settings = Settings(action, leaving=outline, min_points=1)
             decide((0.5, 0.0, 0.1), [Zone(action, settings, outline)], around)
-        leads_out(Zone(STOP, Settings(STOP, leaving=outline), outline), around, (-0.5, 0.0, 0.1))
+        for what in (around, Surroundings({}, None, ["box"], corners)):  # nothing is in its way
+            leads_out(Zone(STOP, Settings(STOP, leaving=outline), outline), what, (-0.5, 0.0, 0.1))
     count_inside(points, square, 0.0, np.empty(len(points), np.bool_))
